@@ -60,6 +60,14 @@ impl Failure {
         )
     }
 
+    /// This failure, of one of several that `name` tells apart.
+    pub fn of(self, name: &str) -> Self {
+        match self {
+            Self::Of(class, message) => Self::Of(class, format!("{name}: {message}")),
+            python => python,
+        }
+    }
+
     /// This failure, of row `row` of a batch.
     pub fn of_row(self, row: usize) -> Self {
         match self {
@@ -216,6 +224,9 @@ impl From<PipelineError> for Failure {
             PipelineError::Simulate(error) => error.into(),
             PipelineError::Predict(error) => error.into(),
             PipelineError::File(error) => error.into(),
+            PipelineError::Eval(EvalError::OfMethod { name, source }) => {
+                Self::from(*source).of(&name)
+            }
             PipelineError::Train(TrainRunError::Sampler(error)) => error.into(),
             PipelineError::Train(TrainRunError::Options(error)) => error.into(),
             error => Self::with_hint(class_of(&error), &error, hint),
@@ -237,6 +248,7 @@ fn class_of(error: &PipelineError) -> &'static str {
             | EvalError::OtherClouds { .. }
             | EvalError::OtherCommand { .. }
             | EvalError::SameKey { .. }
+            | EvalError::NoMethod
             | EvalError::FewPredicted { .. },
         ) => "InputError",
         _ => "TrainError",

@@ -27,6 +27,7 @@
 //! | `predictor` | `Predictor`: clouds by a trained model |
 //! | `scoring` | scores of predicted clouds, data sets beside each other |
 //! | `training` | training runs |
+//! | `splat` | pictures of 3-D Gaussians, and their derivatives |
 //! | `pages` | drawings of data sets, and the demo |
 //! | `studies` | sweeps that one file describes |
 //! | `rig` | servos and cameras, in memory or on a desk |
@@ -62,6 +63,7 @@ mod scene;
 mod scene_gradient;
 mod scoring;
 mod sensitivity;
+mod splat;
 mod stage;
 mod statics;
 mod steps;
@@ -125,6 +127,8 @@ mod _tdcr {
     use crate::scoring::{compare, evaluate};
     #[pymodule_export]
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
+    #[pymodule_export]
+    use crate::splat::{blend_gaussians, blend_gaussians_backward};
     #[pymodule_export]
     use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_one, settle_rows};
     #[pymodule_export]

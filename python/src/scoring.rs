@@ -1,13 +1,17 @@
 //! Scores of predicted clouds, and data sets beside each other.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::Arc;
 
 use numpy::{PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use tdcr::learn::data::{PredictedClouds, read_predictions};
-use tdcr::pages::{Evaluated, comparison_page, evaluation_page};
+use tdcr::learn::flow::Sampler;
+use tdcr::learn::train::Model;
+use tdcr::pages::{Evaluated, comparison_page, evaluation_page, methods_page};
 use tdcr::pipeline::{
-    CompareSettings, Comparer, EvalSettings, Evaluator, Reference, Results, visibility,
+    CompareSettings, Comparer, EvalSettings, Evaluator, Reference, Results, ScoredMethod,
+    visibility,
 };
 
 use crate::arrays::contiguous;
@@ -18,9 +22,13 @@ use crate::robot::Robot;
 use crate::run;
 use crate::stage::Stage;
 
-/// What is scored.
+/// What is scored: its name where it has one, and where its clouds come from.
 #[derive(FromPyObject)]
-pub enum Scored<'py> {
+pub struct Named<'py>(Option<String>, Source<'py>);
+
+/// Where clouds come from.
+#[derive(FromPyObject)]
+pub enum Source<'py> {
     /// A model, and how its flow is followed.
     Model(PyRef<'py, Predictor>, SamplerOptions),
     /// Clouds (T, N, 3) (m), colours (T, N, 3) and conditions (T, D) of the test commands.
@@ -33,58 +41,99 @@ pub enum Scored<'py> {
     File(PathBuf),
 }
 
-/// Scores clouds on the test commands of the data set in the folder `data`: what `tdcr eval --json` says, and the page where one
-/// is asked for.
+/// What a page says of a method.
+enum Shown {
+    Model(PathBuf, Arc<Model>, Sampler),
+    Clouds(String),
+}
+
+impl Shown {
+    fn evaluated(&self) -> Evaluated<'_> {
+        match self {
+            Self::Clouds(name) => Evaluated::Clouds { name },
+            Self::Model(file, model, sampler) => Evaluated::Model {
+                file,
+                model,
+                sampler,
+            },
+        }
+    }
+}
+
+impl Named<'_> {
+    /// The method, one of several or alone, and what a page says of it under `label`.
+    fn method(self, py: Python<'_>, label: &str, several: bool) -> Outcome<(ScoredMethod, Shown)> {
+        let Self(name, source) = self;
+        let clouds = || Shown::Clouds(label.to_owned());
+        let (method, shown) = match source {
+            Source::Model(predictor, sampler) => {
+                let model = predictor.model.clone();
+                let sampler = sampler.resolve(&model)?;
+                let method = ScoredMethod::of_model(model.clone(), sampler)?;
+                (method, Shown::Model(label.into(), model, sampler))
+            }
+            Source::Clouds(points, colors, commands) => {
+                let clouds_given = predicted(&points, colors.as_ref(), commands.as_ref())?;
+                (ScoredMethod::of_clouds(clouds_given), clouds())
+            }
+            Source::File(path) => {
+                let read = py.detach(|| read_predictions(&path));
+                let read = read.map_err(|error| Failure::Of("DataError", error.to_string()))?;
+                let method = ScoredMethod::of_clouds(read);
+                let method = match several {
+                    true => method.read_in(&path),
+                    false => method,
+                };
+                (method, clouds())
+            }
+        };
+        Ok(match name {
+            Some(name) => (method.named(&name), shown),
+            None => (method, shown),
+        })
+    }
+}
+
+/// Scores methods on the test commands of the data set in the folder `data`: what `tdcr eval --json` says, and the page where one
+/// is asked for, which calls them by `labels`.
 #[pyfunction]
-#[pyo3(signature = (scored, data, options, worst, report, progress = None))]
+#[pyo3(signature = (scored, labels, data, options, worst, report, progress = None))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn evaluate(
     py: Python<'_>,
-    scored: Scored<'_>,
+    scored: Vec<Named<'_>>,
+    labels: Vec<String>,
     data: PathBuf,
     options: &str,
     worst: usize,
-    report: Option<String>,
+    report: bool,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> Outcome<(String, Option<String>)> {
     let settings: EvalSettings = options_of(options)?;
-    let (model, clouds) = match scored {
-        Scored::Model(predictor, sampler) => {
-            let model = predictor.model.clone();
-            let sampler = sampler.resolve(&model)?;
-            (Some((model, sampler)), None)
-        }
-        Scored::Clouds(points, colors, commands) => {
-            let clouds = predicted(&points, colors.as_ref(), commands.as_ref())?;
-            (None, Some(clouds))
-        }
-        Scored::File(path) => {
-            let read = py.detach(|| read_predictions(&path));
-            let clouds = read.map_err(|error| Failure::Of("DataError", error.to_string()))?;
-            (None, Some(clouds))
-        }
-    };
+    let several = scored.len() > 1;
+    let named = scored.into_iter().zip(&labels);
+    let methods = named.map(|(method, label)| method.method(py, label, several));
+    let (methods, shown): (Vec<_>, Vec<_>) =
+        methods.collect::<Outcome<Vec<_>>>()?.into_iter().unzip();
     let (results, page) = run::long(py, progress, |watch| {
-        let evaluator = match (&model, clouds) {
-            (Some((model, sampler)), _) => {
-                Evaluator::of_model(model.clone(), *sampler, &data, settings)
-            }
-            (None, clouds) => Evaluator::of_clouds(clouds.unwrap_or_default(), &data, settings),
-        }?;
+        let evaluator = Evaluator::of_methods(methods, &data, settings)?;
         let evaluation = evaluator.run(None, &Stage::new(&["evaluate"], watch))?;
-        let scored = model.as_ref().map(|(model, _)| &**model);
-        let results = Results::new(&evaluator, &evaluation, scored, worst);
-        let page = report.as_deref().map(|name| {
-            let evaluated = match &model {
-                Some((model, sampler)) => Evaluated::Model {
-                    file: Path::new(name),
-                    model,
-                    sampler,
-                },
-                None => Evaluated::Clouds { name },
-            };
-            evaluation_page(&evaluated, &data, &evaluator, &evaluation, &results)
-        });
-        Ok::<_, Failure>((results, page.transpose()?.map(|page| page.to_html())))
+        let evaluated: Vec<Evaluated<'_>> = shown.iter().map(Shown::evaluated).collect();
+        let alone = (!several).then(|| evaluated.first()).flatten();
+        let model = alone.and_then(Evaluated::model);
+        let results = Results::new(&evaluator, &evaluation, model, worst);
+        let page = || match alone {
+            Some(one) => {
+                let page = evaluation_page(one, &data, &evaluator, &evaluation, &results)?;
+                Ok::<_, Failure>(page.to_html())
+            }
+            None => {
+                let page = methods_page(&evaluated, &data, &evaluator, &evaluation, &results)?;
+                Ok(page.to_html())
+            }
+        };
+        let page = report.then(page).transpose()?;
+        Ok::<_, Failure>((results, page))
     })??;
     let text = serde_json::to_string(&results);
     let text = text.map_err(|error| Failure::Of("TdcrError", error.to_string()))?;
@@ -150,6 +199,7 @@ fn predicted(
         points: rows(flat.as_chunks().0, count),
         colors: colors.transpose()?,
         commands: commands.transpose()?,
+        ..PredictedClouds::default()
     })
 }
 

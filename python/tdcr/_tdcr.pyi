@@ -34,6 +34,8 @@ __all__ = [
     "View",
     "__version__",
     "base_jacobian_rows",
+    "blend_gaussians",
+    "blend_gaussians_backward",
     "calibrate",
     "calibrate_recording",
     "chamfer_rows",
@@ -608,12 +610,27 @@ def distill(
     options: dict[str, Any],
     progress: _Progress = None,
 ) -> _Run: ...
+def blend_gaussians(
+    gaussians: tuple[Any, ...],
+    size: tuple[int, int],
+    near: float,
+    rows: int | None = None,
+) -> tuple[_Floats32, _Floats32, _Floats32]: ...
+def blend_gaussians_backward(
+    gaussians: tuple[Any, ...],
+    size: tuple[int, int],
+    near: float,
+    by_colors: _Floats32,
+    by_opacities: _Floats32,
+    rows: int | None = None,
+) -> tuple[_Floats32, _Floats32, _Floats32, _Floats32]: ...
 def evaluate(
-    scored: Any,
+    scored: list[tuple[str | None, Any]],
+    labels: list[str],
     data: str,
     options: str,
     worst: int,
-    report: str | None,
+    report: bool,
     progress: _Progress = None,
 ) -> tuple[str, str | None]: ...
 def compare(

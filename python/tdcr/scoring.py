@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +21,7 @@ from tdcr.robot import Robot
 
 
 def evaluate(
-    model: Predictor | PathLike | None = None,
+    model: Predictor | PathLike | Sequence[Predictor | PathLike] | None = None,
     data: Dataset | PathLike = "data",
     *,
     predictions: Any = None,
@@ -41,15 +43,18 @@ def evaluate(
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Scores a trained model, or the clouds of any program, on the test commands of a data set, beside trivial predictors and the
-    sampling floor; as ``tdcr eval``.
+    sampling floor; several of them beside each other; as ``tdcr eval``.
 
     Args:
-        model: The model, its file, or the folder of its run; ``"run"`` by default.
+        model: The model, its file, or the folder of its run, or a list of such; ``"run"`` by default, without ``predictions``.
         data: The data set, or its folder.
-        predictions: Clouds to score instead of a model's: shape (T, N, 3), world frame (m), one for each test command in the
-            order of the test split; or an NPZ file of ``points``, and maybe ``rgb`` and ``commands``.
-        colors: Colours of ``predictions``, shape (T, N, 3), uint8, if they have any.
-        commands: Conditions of ``predictions``, shape (T, D), which are checked against the test split's.
+        predictions: Clouds to score: shape (T, N, 3), world frame (m), one for each test command in the order of the test
+            split; or an NPZ file of ``points``, and maybe ``rgb`` and ``commands``, and ``method`` (a name),
+            ``training_seconds`` and ``prediction_seconds``. Several: a list of such files, or a dictionary of names to arrays or
+            files. One alone beside no ``model`` is called "predictions", a file among several by the name in it, or its own.
+        colors: Colours of an array of ``predictions``, shape (T, N, 3), uint8, if they have any.
+        commands: Conditions of an array of ``predictions``, shape (T, D), which are checked against the test split's; of several
+            arrays those of all.
         points: Points of each cloud that the Chamfer distance is computed on; 10,000 by default, or as many as the clouds have.
         emd_points: Points of each cloud that the exact earth mover's distances are computed on; 2,000 by default, or as many.
         tests: Test commands to score, the first ones of their split; ``None``: all.
@@ -68,44 +73,40 @@ def evaluate(
     Returns:
         What ``tdcr eval --json`` prints: ``points`` and ``emd_points`` that were compared; ``cd`` and ``emd_squared`` (m²),
         ``emd`` (m), the same with ``_nearest`` (cloud of the nearest training command), ``_mean``, ``_floor`` and so on;
-        ``network_quantiles`` and the ``worst`` test commands.
+        ``network_quantiles`` and the ``worst`` test commands. Of several methods these are of the first, and ``methods`` has a
+        row for each, and for what they are compared with: ``name``, ``kind``, ``cd``, ``cd_over_floor``, ``emd``,
+        ``emd_squared``, ``tip``, ``training_seconds`` (of all processors), ``prediction_seconds`` (``None`` where it is not
+        known), ``quantiles``, ``best`` and ``worst``.
 
     Raises:
-        InputError: For clouds that do not fit, more points than there are, and a report that is no ``.html`` file in a folder
-            that is there.
+        InputError: For clouds that do not fit, two methods of one name, more points than there are, and a report that is no
+            ``.html`` file in a folder that is there.
         DataError: For a data set that cannot be read.
         TrainError: For a model that cannot be read, or is of another robot than the data set.
     """
-    scored: Any
+    of_model = {
+        "sampler": sampler,
+        "sampler_steps": sampler_steps,
+        "sampler_power": sampler_power,
+        "sampler_tolerance": sampler_tolerance,
+        "sampler_denoise": sampler_denoise,
+        "sampler_spare": sampler_spare,
+        "precision": precision,
+    }
+    scored: list[_Scored] = []
+    if predictions is None or model is not None:
+        how = sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance, sampler_denoise, sampler_spare)
+        scored += _models("run" if model is None else model, precision, how)
+    else:
+        for name, value in of_model.items():
+            if value is not None:
+                raise InputError(f"{name} is of a model; predictions are scored")
     if predictions is None:
         for name, value in (("colors", colors), ("commands", commands)):
             if value is not None:
                 raise InputError(f"{name} is of predictions; a model is scored")
-        if isinstance(model, Predictor):
-            if precision is not None:
-                raise InputError(f"precision is of a model that is read; this one predicts in {model.precision}")
-            predictor = model
-        else:
-            predictor = Predictor("run" if model is None else model, precision)
-        name = predictor.path
-        how = sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance, sampler_denoise, sampler_spare)
-        scored = (predictor._native, how)
     else:
-        of_model = {
-            "model": model,
-            "sampler": sampler,
-            "sampler_steps": sampler_steps,
-            "sampler_power": sampler_power,
-            "sampler_tolerance": sampler_tolerance,
-            "sampler_denoise": sampler_denoise,
-            "sampler_spare": sampler_spare,
-            "precision": precision,
-        }
-        for name, value in of_model.items():
-            if value is not None:
-                raise InputError(f"{name} is of a model; predictions are scored")
-        scored = _scored(predictions, colors, commands)
-        name = scored if isinstance(scored, str) else "arrays"
+        scored += _predictions(predictions, colors, commands)
     options = {
         "points": maybe_count(points, "points"),
         "emd_points": maybe_count(emd_points, "emd_points"),
@@ -114,8 +115,9 @@ def evaluate(
     }
     listed = as_count(worst, "worst")
     page = None if report is None else as_file(report, "report", ".html")
+    methods, labels = [(one.name, one.native) for one in scored], [one.label for one in scored]
     text, html = _tdcr.evaluate(
-        scored, folder_of(data), json.dumps(options), listed, None if page is None else name, progress=progress
+        methods, labels, folder_of(data), json.dumps(options), listed, page is not None, progress=progress
     )
     if page is not None and html is not None:
         write_whole(page, html.encode())
@@ -190,23 +192,63 @@ def compare(
     return {"a": first, "b": second, **json.loads(text)}
 
 
-def _scored(predictions: Any, colors: Any, commands: Any) -> Any:
-    """Clouds of any program, as arrays or as their file."""
+@dataclass(frozen=True)
+class _Scored:
+    """A method that is scored."""
+
+    #: Its name; None: that of its kind or file.
+    name: str | None
+    #: What the page calls it.
+    label: str
+    #: What the native module takes.
+    native: Any
+
+
+def _models(model: Any, precision: Precision | None, how: Any) -> list[_Scored]:
+    """One model, or several, which go by their files."""
+    several = model if isinstance(model, list | tuple) else [model]
+    if not several:
+        raise InputError("model is an empty list; expected one model or more")
+    found = []
+    for one in several:
+        if isinstance(one, Predictor) and precision is not None:
+            raise InputError(f"precision is of a model that is read; this one predicts in {one.precision}")
+        predictor = one if isinstance(one, Predictor) else Predictor(one, precision)
+        name = predictor.path if len(several) > 1 else None
+        found.append(_Scored(name, predictor.path, (predictor._native, how)))
+    return found
+
+
+def _predictions(predictions: Any, colors: Any, commands: Any) -> list[_Scored]:
+    """Clouds of any program, as an array or as its file, or several of them."""
+    if isinstance(predictions, Mapping):
+        if not predictions:
+            raise InputError("predictions is an empty dictionary; expected clouds of one method or more")
+        named = {as_text(name, "a name of predictions"): value for name, value in predictions.items()}
+        return [_clouds(name, value, colors, commands) for name, value in named.items()]
+    if isinstance(predictions, list | tuple) and predictions and all(isinstance(one, str | os.PathLike) for one in predictions):
+        return [_clouds(None, one, colors, commands) for one in predictions]
+    return [_clouds(None, predictions, colors, commands)]
+
+
+def _clouds(name: str | None, predictions: Any, colors: Any, commands: Any) -> _Scored:
+    """Clouds of one method."""
+    label = "predictions" if name is None else f"predictions of {name}"
     if isinstance(predictions, str | os.PathLike):
-        for name, value in (("colors", colors), ("commands", commands)):
+        for given, value in (("colors", colors), ("commands", commands)):
             if value is not None:
-                raise InputError(f"{name} beside a file of predictions; expected them in the file")
-        return os.fspath(predictions)
-    clouds = as_clouds(predictions, "predictions")
+                raise InputError(f"{given} beside a file of predictions; expected them in the file")
+        return _Scored(name, os.fspath(predictions), os.fspath(predictions))
+    clouds = as_clouds(predictions, label)
     if colors is not None:
         colors = np.ascontiguousarray(as_array(colors, "colors"))
         if colors.dtype != np.uint8 or colors.shape != clouds.shape:
             raise InputError(
-                f"colors has shape {colors.shape} of {colors.dtype}; expected {clouds.shape} of uint8, as the predictions"
+                f"colors has shape {colors.shape} of {colors.dtype}; expected {clouds.shape} of uint8, as the {label}"
             )
     if commands is not None:
         rows = as_float(commands, "commands", ("rows", "numbers")).astype(np.float32)
         if len(rows) != len(clouds):
-            raise InputError(f"commands has {len(rows)} rows; expected {len(clouds)}, one for each cloud")
+            raise InputError(f"commands has {len(rows)} rows; expected {len(clouds)}, one for each cloud of the {label}")
         commands = rows
-    return clouds, colors, commands
+    return _Scored(name, "arrays", (clouds, colors, commands))

@@ -240,7 +240,7 @@ fn examples(evaluator: &Evaluator, evaluation: &Evaluation) -> Result<Vec<Exampl
             rank if rank == last => format!("test {index}, the worst"),
             _ => format!("test {index}"),
         };
-        page::example(evaluator, evaluation, index, label)
+        page::example(evaluator, evaluation, 0, index, label)
     };
     shown.into_iter().enumerate().map(example).collect()
 }

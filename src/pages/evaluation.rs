@@ -8,7 +8,9 @@ use tdcr_learn::metrics::nearest_distances;
 use tdcr_learn::train::Model;
 use tdcr_sim::cloud::PointCloud;
 
-use crate::pipeline::{Evaluation, Evaluator, Metrics, PipelineError, Results, Row, RowScore};
+use crate::pipeline::{
+    Evaluation, Evaluator, Metrics, PipelineError, Results, Row, RowKind, RowScore,
+};
 use crate::report::{Example, MethodDistances, MotorGroup, PerTest, Report, Role, Score};
 
 /// What is evaluated.
@@ -40,7 +42,7 @@ impl<'a> Evaluated<'a> {
     }
 
     /// What there is to say of it, as name and value.
-    fn facts(&self) -> Vec<(String, String)> {
+    pub(super) fn facts(&self) -> Vec<(String, String)> {
         let facts = match self {
             Self::Clouds { name } => vec![("Predictions", (*name).to_owned())],
             Self::Model {
@@ -83,12 +85,7 @@ pub fn evaluation_page(
     let entry = |name: &str, value: String| (name.to_owned(), value);
     let mut summary = evaluated.facts();
     summary.extend(precision_text(metrics).map(|text| entry("Precision", text)));
-    summary.extend([
-        entry("Data set", data.display().to_string()),
-        entry("Test commands", metrics.tests.to_string()),
-        entry("Seed", evaluator.scoring().seed.to_string()),
-        entry("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
-    ]);
+    summary.extend(settings(data, evaluator, metrics));
     Ok(Report {
         title: "A network's clouds against the true ones".to_owned(),
         headline: headline(metrics),
@@ -102,10 +99,26 @@ pub fn evaluation_page(
         motors: motors(evaluator),
         examples: (worst.iter().enumerate())
             .map(|(rank, worst)| {
-                example(evaluator, evaluation, worst.test, label(rank, worst.test))
+                let label = label(rank, worst.test);
+                example(evaluator, evaluation, 0, worst.test, label)
             })
             .collect::<Result<_, _>>()?,
     })
+}
+
+/// What all evaluations say of their settings.
+pub(super) fn settings(
+    data: &Path,
+    evaluator: &Evaluator,
+    metrics: &Metrics,
+) -> [(String, String); 4] {
+    [
+        ("Data set", data.display().to_string()),
+        ("Test commands", metrics.tests.to_string()),
+        ("Seed", evaluator.scoring().seed.to_string()),
+        ("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
+    ]
+    .map(|(name, value)| (name.to_owned(), value))
 }
 
 /// How far the network's clouds are from the true ones, beside those of the nearest training command: root mean square
@@ -124,7 +137,7 @@ pub fn headline(metrics: &Metrics) -> String {
 }
 
 /// Which numbers of the data set's commands belong together.
-fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
+pub(super) fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
     let count = evaluator
         .test()
         .first()
@@ -135,9 +148,13 @@ fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
 /// Key of the row that ratios are of.
 const FLOOR: &str = "floor";
 
-/// Mean scores of all rows but the floor.
+/// Mean scores of all rows but the floor, methods first.
 pub(super) fn scores(evaluation: &Evaluation) -> Vec<Score> {
-    mean_scores(evaluation, |row| row.about.key != FLOOR)
+    let mut scores = mean_scores(evaluation, |row| row.kind == RowKind::Method);
+    scores.extend(mean_scores(evaluation, |row| {
+        row.kind != RowKind::Method && row.about.key != FLOOR
+    }));
+    scores
 }
 
 /// Mean score of second samples of the true surfaces.
@@ -175,8 +192,16 @@ fn tip_note(metrics: &Metrics) -> Option<String> {
     ))
 }
 
-/// How the scores were computed.
+/// How the scores were computed, and what they are of the tips and uncertainties of the network's clouds.
 pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
+    let mut notes = comparison_notes(metrics);
+    notes.extend(tip_note(metrics));
+    notes.extend(metrics.uncertainty_text());
+    notes
+}
+
+/// How the scores were computed.
+pub(super) fn comparison_notes(metrics: &Metrics) -> Vec<String> {
     let mut notes = vec![
         format!("Means over {} test commands.", metrics.tests),
         format!(
@@ -193,8 +218,6 @@ pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
         ),
     ];
     notes.extend(metrics.repetition_text());
-    notes.extend(tip_note(metrics));
-    notes.extend(metrics.uncertainty_text());
     notes
 }
 
@@ -239,18 +262,19 @@ fn methods(evaluation: &Evaluation) -> Vec<MethodDistances> {
     methods
 }
 
-/// The clouds of one test command.
+/// The clouds of one test command, the prediction that of the row at `place`.
 pub(super) fn example(
     evaluator: &Evaluator,
     evaluation: &Evaluation,
+    place: usize,
     test: usize,
     label: String,
 ) -> Result<Example, PipelineError> {
     let scores = &evaluation.per_test[test];
-    let evaluated = scores.evaluated();
+    let evaluated = &scores.rows[place];
     let sample = &evaluator.test()[test];
     let condition = &sample.condition;
-    let prediction = evaluator.predict(test)?;
+    let prediction = evaluator.predict(place, test)?;
     let uncertainty = prediction.uncertainty(&[]).unwrap_or_default();
     Ok(Example {
         label,

@@ -8,6 +8,7 @@ mod comparison;
 mod data_sets;
 mod demo;
 mod evaluation;
+mod methods;
 mod set_info;
 
 pub use calibration::CalibrationPage;
@@ -15,6 +16,7 @@ pub use comparison::comparison_page;
 pub use data_sets::{CLOUDS_SHOWN, DataDrawing};
 pub use demo::{Demo, DemoMetrics, DemoSettings, demo};
 pub use evaluation::{Evaluated, evaluation_page, headline};
+pub use methods::methods_page;
 pub use set_info::{PayloadInfo, SetInfo};
 
 use std::io::Write;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use tdcr_learn::net::Precision;
 use tdcr_learn::train::Model;
 
-use super::{Distances, Evaluation, Evaluator, Quantiles, RowScore, Scores, Scoring};
+use super::{Distances, Evaluation, Evaluator, Quantiles, RowKind, RowScore, Scores, Scoring};
 
 /// Keys of the rows that every evaluation of a simulated data set has, whose scores have names of their own.
 const OWN_KEYS: [&str; 5] = ["nearest", "mean", "perfect", "perfect-selected", "floor"];
@@ -212,13 +212,47 @@ fn others(evaluation: &Evaluation, mean: &Scores) -> BTreeMap<String, OtherMetri
 /// All that `tdcr eval --json` says of an evaluation.
 #[derive(Clone, Debug, Serialize)]
 pub struct Results {
-    /// Means over the test commands.
+    /// Means over the test commands; what is evaluated is the first method.
     #[serde(flatten)]
     pub metrics: Metrics,
-    /// Quantiles over the test commands, of what is evaluated.
+    /// Quantiles over the test commands, of the first method.
     pub network_quantiles: DistanceQuantiles,
-    /// The test commands with the greatest Chamfer distances, the worst first.
-    pub worst: Vec<WorstTest>,
+    /// The test commands with the greatest Chamfer distances of the first method, the worst first.
+    pub worst: Vec<ScoredTest>,
+    /// Where several methods are evaluated: these, what they are compared with, and the references. Nothing for a single one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub methods: Vec<MethodScores>,
+}
+
+/// A row of the table of several methods: means over the test commands.
+#[derive(Clone, Debug, Serialize)]
+pub struct MethodScores {
+    /// Key of the row.
+    pub key: String,
+    /// Name of the row.
+    pub name: String,
+    /// Why it is there.
+    pub kind: RowKind,
+    /// Chamfer distance (m²).
+    pub cd: f64,
+    /// In units of the sampling floor's; `None` where the data set names no robot.
+    pub cd_over_floor: Option<f64>,
+    /// Earth mover's distance (m).
+    pub emd: f64,
+    /// Least mean squared distance (m²).
+    pub emd_squared: f64,
+    /// Distance of the tip (m).
+    pub tip: Option<f64>,
+    /// Time of all processors that its training took (s), where that is known.
+    pub training_seconds: Option<f64>,
+    /// Time that a prediction takes (s), where that is known.
+    pub prediction_seconds: Option<f64>,
+    /// Quantiles over the test commands, of a method.
+    pub quantiles: Option<DistanceQuantiles>,
+    /// The test commands of a method with the greatest Chamfer distances, the worst first.
+    pub worst: Vec<ScoredTest>,
+    /// That with the least.
+    pub best: Option<ScoredTest>,
 }
 
 /// Quantiles of distances over the test commands.
@@ -232,9 +266,9 @@ pub struct DistanceQuantiles {
     pub emd_squared: Quantiles,
 }
 
-/// A test command that is predicted badly.
+/// A test command, and the distances of a method's cloud.
 #[derive(Clone, Debug, Serialize)]
-pub struct WorstTest {
+pub struct ScoredTest {
     /// Index in the test split.
     pub test: usize,
     /// The command: a value for each motor.
@@ -250,37 +284,103 @@ pub struct WorstTest {
 }
 
 impl Results {
-    /// Of the `worst` worst test commands; `model` is the evaluated one in its present precision, `None` for another program's
-    /// clouds.
+    /// With the `worst` worst test commands of each method; `model` is the evaluated one in its present precision, `None` for
+    /// another program's clouds, and for several methods.
     pub fn new(
         evaluator: &Evaluator,
         evaluation: &Evaluation,
         model: Option<&Model>,
         worst: usize,
     ) -> Self {
-        let worst = evaluation.worst_first().into_iter().take(worst);
+        let several = evaluation.methods().nth(1).is_some();
+        let mean = evaluation.mean();
+        let order = methods_first(evaluation).filter(|_| several);
         Self {
             metrics: Metrics::new(evaluation, evaluator.scoring(), model),
-            network_quantiles: DistanceQuantiles {
-                cd: evaluation.quantiles(|d| d.cd),
-                emd: evaluation.quantiles(|d| d.emd),
-                emd_squared: evaluation.quantiles(|d| d.emd_squared),
-            },
-            worst: worst
-                .map(|test| WorstTest::new(evaluator, evaluation, test))
+            network_quantiles: DistanceQuantiles::new(evaluation, 0),
+            worst: worst_tests(evaluator, evaluation, 0, worst),
+            methods: order
+                .map(|place| MethodScores::new(evaluator, evaluation, &mean, place, worst))
                 .collect(),
         }
     }
 }
 
-impl WorstTest {
-    fn new(evaluator: &Evaluator, evaluation: &Evaluation, test: usize) -> Self {
+/// Places of the rows, the methods before all others.
+fn methods_first(evaluation: &Evaluation) -> impl Iterator<Item = usize> {
+    let is_method = |place: &usize| evaluation.rows[*place].kind == RowKind::Method;
+    let others = (0..evaluation.rows.len()).filter(move |place| !is_method(place));
+    evaluation.methods().chain(others)
+}
+
+impl MethodScores {
+    fn new(
+        evaluator: &Evaluator,
+        evaluation: &Evaluation,
+        mean: &Scores,
+        place: usize,
+        worst: usize,
+    ) -> Self {
+        let (row, score) = (&evaluation.rows[place], &mean.rows[place]);
+        let is_method = row.kind == RowKind::Method;
+        let best = evaluation.worst_first(place).pop();
+        Self {
+            key: row.about.key.clone(),
+            name: row.about.name.clone(),
+            kind: row.kind,
+            cd: score.distances.cd,
+            cd_over_floor: mean
+                .get("floor")
+                .map(|floor| score.distances.cd / floor.distances.cd),
+            emd: score.distances.emd,
+            emd_squared: score.distances.emd_squared,
+            tip: score.tip,
+            training_seconds: row.about.training.processor_seconds,
+            prediction_seconds: row.about.prediction_seconds,
+            quantiles: is_method.then(|| DistanceQuantiles::new(evaluation, place)),
+            worst: match is_method {
+                true => worst_tests(evaluator, evaluation, place, worst),
+                false => Vec::new(),
+            },
+            best: best
+                .filter(|_| is_method)
+                .map(|test| ScoredTest::new(evaluator, evaluation, place, test)),
+        }
+    }
+}
+
+impl DistanceQuantiles {
+    /// Of the row at `place`.
+    fn new(evaluation: &Evaluation, place: usize) -> Self {
+        Self {
+            cd: evaluation.quantiles(place, |d| d.cd),
+            emd: evaluation.quantiles(place, |d| d.emd),
+            emd_squared: evaluation.quantiles(place, |d| d.emd_squared),
+        }
+    }
+}
+
+/// The `count` worst test commands of the row at `place`.
+fn worst_tests(
+    evaluator: &Evaluator,
+    evaluation: &Evaluation,
+    place: usize,
+    count: usize,
+) -> Vec<ScoredTest> {
+    let worst = evaluation.worst_first(place).into_iter().take(count);
+    worst
+        .map(|test| ScoredTest::new(evaluator, evaluation, place, test))
+        .collect()
+}
+
+impl ScoredTest {
+    fn new(evaluator: &Evaluator, evaluation: &Evaluation, place: usize, test: usize) -> Self {
         let Distances {
             cd,
             emd,
             emd_squared,
             ..
-        } = evaluation.per_test[test].evaluated().distances;
+        } = evaluation.per_test[test].rows[place].distances;
         let condition = &evaluator.test()[test].condition;
         Self {
             test,

@@ -46,12 +46,15 @@ pub use error::{CaptureStop, CompareError, Divergence, EvalError, PipelineError,
 pub use eval_settings::{EvalSettings, Scoring};
 pub use evaluate::Evaluator;
 pub(crate) use line_file::LineFile;
-pub use metrics::{DistanceQuantiles, Metrics, OtherMetrics, Results, WorstTest};
+pub use method::ScoredMethod;
+pub use metrics::{DistanceQuantiles, MethodScores, Metrics, OtherMetrics, Results, ScoredTest};
 pub use monitor::{Monitor, Silent};
 pub use pairing::Place;
 pub(crate) use probe::{Probe, Probed};
 pub use sampler_plan::SamplerPlan;
-pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
+pub use scores::{
+    Distances, Evaluation, Quantiles, Row, RowKind, RowScore, Scores, UncertaintyScore,
+};
 pub use stream_options::StreamOptions;
 pub use survey::{Survey, Tips};
 pub use symmetry::seen_symmetries;

@@ -66,8 +66,20 @@ pub struct UncertaintyScore {
 pub struct Row {
     /// What gave its clouds.
     pub about: About,
-    /// Whether its clouds are other samples of the true surface: a bound on what a predictor can reach, and none itself.
-    pub is_reference: bool,
+    /// Why it is there.
+    pub kind: RowKind,
+}
+
+/// Why a row is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RowKind {
+    /// It is evaluated.
+    Method,
+    /// What is evaluated is compared with it.
+    Baseline,
+    /// Its clouds are other samples of the true surface: a bound on what a predictor can reach, and none itself.
+    Reference,
 }
 
 /// The scores of every test command.
@@ -180,6 +192,12 @@ impl Evaluation {
         Distances::combined(&all, |x| x.fold(0.0, f64::max))
     }
 
+    /// Places of the rows that are evaluated: the first row, and others where several are.
+    pub fn methods(&self) -> impl Iterator<Item = usize> {
+        let rows = self.rows.iter().enumerate();
+        rows.filter_map(|(place, row)| (row.kind == RowKind::Method).then_some(place))
+    }
+
     /// What is evaluated, by test command.
     fn evaluated(&self) -> impl Iterator<Item = &RowScore> {
         self.per_test.iter().map(Scores::evaluated)
@@ -193,23 +211,23 @@ impl Evaluation {
         rank_correlation(&uncertainty.collect::<Option<Vec<_>>>()?, &distances)
     }
 
-    /// Quantiles over the test commands of one distance of the evaluated clouds.
-    pub fn quantiles(&self, pick: fn(&Distances) -> f64) -> Quantiles {
-        let values = self.evaluated().map(|row| pick(&row.distances));
-        Quantiles::of(values.collect())
+    /// Quantiles over the test commands of one distance of the clouds of the row at `place`.
+    pub fn quantiles(&self, place: usize, pick: fn(&Distances) -> f64) -> Quantiles {
+        let rows = self.per_test.iter().map(|scores| &scores.rows[place]);
+        Quantiles::of(rows.map(|row| pick(&row.distances)).collect())
     }
 
-    /// Indices of all test commands, from the worst evaluated cloud by Chamfer distance to the best.
-    pub fn worst_first(&self) -> Vec<usize> {
+    /// Indices of all test commands, from the worst cloud of the row at `place` by Chamfer distance to the best.
+    pub fn worst_first(&self, place: usize) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.per_test.len()).collect();
-        let cd = |index: &usize| self.per_test[*index].evaluated().distances.cd;
+        let cd = |index: &usize| self.per_test[*index].rows[place].distances.cd;
         order.sort_by(|a, b| cd(b).total_cmp(&cd(a)));
         order
     }
 
     /// Indices of `count` test commands, from the best evaluated cloud to the worst, evenly spread.
     pub fn spread(&self, count: usize) -> Vec<usize> {
-        let worst_first = self.worst_first();
+        let worst_first = self.worst_first(0);
         let last = worst_first.len() - 1;
         let mut ranks: Vec<usize> = (0..count)
             .map(|k| (last as f64 * k as f64 / (count.max(2) - 1) as f64).round() as usize)
@@ -302,7 +320,11 @@ mod tests {
                 key: key.to_owned(),
                 ..About::default()
             },
-            is_reference: key == "floor",
+            kind: match key {
+                "network" => RowKind::Method,
+                "nearest" => RowKind::Baseline,
+                _ => RowKind::Reference,
+            },
         };
         Evaluation {
             rows: ["network", "nearest", "floor"].map(row).into(),
@@ -313,14 +335,15 @@ mod tests {
 
     #[test]
     fn quantiles_of_one_test_are_its_value() {
-        let quantiles = evaluation(&[0.3]).quantiles(|d| d.emd);
+        let quantiles = evaluation(&[0.3]).quantiles(0, |d| d.emd);
         assert!(quantiles.named().into_iter().all(|(_, value)| value == 3.0));
     }
 
     #[test]
     fn the_worst_come_first_and_a_spread_runs_from_best_to_worst() {
         let evaluation = evaluation(&[0.3, 0.1, 0.7, 0.2, 1.5]);
-        assert_eq!(evaluation.worst_first(), [4, 2, 0, 3, 1]);
+        assert_eq!(evaluation.worst_first(0), [4, 2, 0, 3, 1]);
+        assert_eq!(evaluation.methods().collect::<Vec<_>>(), [0]);
         assert_eq!(evaluation.spread(3), [1, 0, 4]);
         assert_eq!(evaluation.spread(9), [1, 3, 0, 2, 4]);
     }

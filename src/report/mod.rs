@@ -81,6 +81,31 @@ pub struct Score {
     pub emd_squared: f64,
 }
 
+/// What a method costs, as far as it is known.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cost {
+    /// Time of all processors that its training took (s).
+    pub training: Option<f64>,
+    /// Time of a prediction (s).
+    pub prediction: Option<f64>,
+}
+
+/// The report on several methods beside each other.
+#[derive(Clone, Debug, Default)]
+pub struct MethodsReport {
+    /// What the report on one has; the examples are of each method in turn.
+    pub report: Report,
+    /// What the methods of the first rows of the table cost, in their order.
+    pub costs: Vec<Cost>,
+}
+
+impl MethodsReport {
+    /// The report as one HTML page, as [`Report::to_html`]; its table has columns of the costs.
+    pub fn to_html(&self) -> String {
+        self.report.page(&self.costs)
+    }
+}
+
 /// The test commands and their Chamfer distances, one after another in the same order in each list.
 #[derive(Clone, Debug, Default)]
 pub struct PerTest {
@@ -178,6 +203,11 @@ impl Report {
     ///
     /// Eight examples make about one megabyte: the viewer holds at most 3,000 points of each cloud.
     pub fn to_html(&self) -> String {
+        self.page(&[])
+    }
+
+    /// The page, with what the first rows of the table cost.
+    fn page(&self, costs: &[Cost]) -> String {
         let frame = frame::PageFrame {
             title: &self.title,
             lead: &self.headline,
@@ -186,7 +216,7 @@ impl Report {
         frame.fill(
             include_str!("page.html"),
             &[
-                ("scores", &sections::scores(self)),
+                ("scores", &sections::scores(self, costs)),
                 (
                     "viewer",
                     &sections::viewer(&self.examples, &sections::evaluation_boxes()),

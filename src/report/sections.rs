@@ -6,7 +6,7 @@ use super::color_scale::{ColorScale, css_gradient};
 use super::html::{NOT_AVAILABLE, base64, column_decimals, escape, fill, fixed};
 use super::motors::command_text;
 use super::picture::{BOTH, Framing, NEAREST, PREDICTION, Subject, TRUTH};
-use super::{Example, MotorGroup, Report, Score, viewer as viewer_data};
+use super::{Cost, Example, MotorGroup, Report, Score, viewer as viewer_data};
 
 /// Units of the table and the charts: 1e-4 m^2 and 1 mm.
 pub(crate) const CD_UNIT: f64 = 1e-4;
@@ -41,8 +41,8 @@ pub(crate) fn figure(class: &str, body: &str, caption: &str) -> String {
     format!("<figure class=\"{class}\">{body}<figcaption>{caption}</figcaption></figure>")
 }
 
-/// The table of scores.
-pub(crate) fn scores(report: &Report) -> String {
+/// The table of scores, with columns of what its first rows cost where that is known of any.
+pub(crate) fn scores(report: &Report, costs: &[Cost]) -> String {
     let rows: Vec<&Score> = report.scores.iter().chain(&report.floor).collect();
     if rows.is_empty() {
         return missing();
@@ -59,19 +59,28 @@ pub(crate) fn scores(report: &Report) -> String {
     let cd = column(|score| score.cd, CD_UNIT);
     let emd = column(|score| score.emd, EMD_UNIT);
     let emd_squared = column(|score| score.emd_squared, CD_UNIT);
-    let row = |score: &Score, class: &str| {
+    let row = |score: &Score, class: &str, cost: Option<&Cost>| {
         format!(
-            "<tr{class}><th scope=\"row\">{}</th>{}{}{}</tr>",
+            "<tr{class}><th scope=\"row\">{}</th>{}{}{}{}</tr>",
             escape(&score.name),
             cd(score),
             emd(score),
             emd_squared(score),
+            cost_cells(costs, cost),
         )
     };
-    let mut body: String = report.scores.iter().map(|score| row(score, "")).collect();
+    let mut body: String = (report.scores.iter().enumerate())
+        .map(|(place, score)| row(score, "", costs.get(place)))
+        .collect();
     if let Some(floor) = &report.floor {
-        body += &row(floor, " class=\"floor\"");
+        body += &row(floor, " class=\"floor\"", None);
     }
+    let cost_titles = match costs {
+        [] => String::new(),
+        _ => ["Training (processor s)", "Prediction (ms)"]
+            .map(|title| format!("<th scope=\"col\">{title}</th>"))
+            .concat(),
+    };
     let notes: Vec<String> = report.score_notes.iter().map(|note| escape(note)).collect();
     let notes = notes.join(" ");
     format!(
@@ -79,7 +88,7 @@ pub(crate) fn scores(report: &Report) -> String {
          <th scope=\"col\">{CD_TITLE}</th><th scope=\"col\">CD ÷ floor</th>\
          <th scope=\"col\">EMD (mm)</th><th scope=\"col\">EMD ÷ floor</th>\
          <th scope=\"col\">Squared EMD (10⁻⁴\u{a0}m²)</th>\
-         <th scope=\"col\">Squared EMD ÷ floor</th></tr></thead>\
+         <th scope=\"col\">Squared EMD ÷ floor</th>{cost_titles}</tr></thead>\
          <tbody>{body}</tbody></table></div>\
          <p class=\"note\">Lower is better. CD, the squared Chamfer distance: the mean squared \
          distance from each predicted point to the nearest true point, plus the same from true to \
@@ -89,6 +98,19 @@ pub(crate) fn scores(report: &Report) -> String {
          is what two independent samples of the same surface score: no prediction can be expected \
          to score less. {notes}</p>"
     )
+}
+
+/// The cells of what a row costs, in a table that has `costs`.
+fn cost_cells(costs: &[Cost], cost: Option<&Cost>) -> String {
+    if costs.is_empty() {
+        return String::new();
+    }
+    let cost = cost.copied().unwrap_or_default();
+    let cell = |seconds: Option<f64>, scale: f64, decimals: usize| match seconds {
+        Some(seconds) => format!("<td>{}</td>", fixed(scale * seconds, decimals)),
+        None => "<td>–</td>".to_owned(),
+    };
+    cell(cost.training, 1.0, 0) + &cell(cost.prediction, 1e3, 1)
 }
 
 /// A cloud that the viewer can show.

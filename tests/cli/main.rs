@@ -20,6 +20,7 @@ mod export;
 mod files;
 mod growth;
 mod log;
+mod methods;
 mod names;
 mod notes;
 mod others;

@@ -161,8 +161,8 @@ fn clouds_that_are_not_of_the_test_commands_are_refused() {
         1,
         "array `points`: shape [2, 3], expected (T, N, 3)",
     );
-    let both = [&eval(&clouds, &data)[..], &["--model", "model"]].concat();
-    refuse(&both, 2, "cannot be used with");
+    let of_model = [&eval(&clouds, &data)[..], &["--sampler-steps", "4"]].concat();
+    refuse(&of_model, 1, "are of a model; clouds are scored");
 }
 
 #[test]

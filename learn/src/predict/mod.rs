@@ -109,6 +109,8 @@ pub struct About {
     pub colors: bool,
     /// What making it cost.
     pub training: TrainingCost,
+    /// Wall-clock time that a prediction takes (s), where whoever made the clouds measured it.
+    pub prediction_seconds: Option<f64>,
 }
 
 /// What training a predictor cost: nothing by default.
@@ -118,4 +120,6 @@ pub struct TrainingCost {
     pub points: u64,
     /// Wall-clock time (s), where it is known.
     pub seconds: Option<f64>,
+    /// Time of all processors (s), where it is known.
+    pub processor_seconds: Option<f64>,
 }

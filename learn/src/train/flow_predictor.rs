@@ -75,8 +75,9 @@ impl Predictor for FlowPredictor {
             colors: network.shape().channels() == Channels::XyzRgb,
             training: TrainingCost {
                 points: step.saturating_mul((settings.clouds * settings.points) as u64),
-                seconds: None,
+                ..TrainingCost::default()
             },
+            prediction_seconds: None,
         }
     }
 

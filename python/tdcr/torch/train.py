@@ -273,8 +273,13 @@ def train(args: argparse.Namespace) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns its exit status."""
     args = parser().parse_args(arguments)
+    return exit_status(lambda: train(args))
+
+
+def exit_status(work: Callable[[], None]) -> int:
+    """Does a command's work and says what went wrong; returns the command's exit status."""
     try:
-        train(args)
+        work()
     except Interrupted:
         print("error: interrupted; run the same command again to go on", file=sys.stderr)
         return INTERRUPTED

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use tdcr::pipeline::Evaluation;
+use tdcr::pipeline::{Evaluation, RowKind};
 use tdcr::report::{
     Aspect, Example, Figure, Ink, Mark, Panel, Scale, Shape, Spacing, contact_sheet,
 };
@@ -29,6 +29,14 @@ pub fn write(path: &Path, evaluation: &Evaluation, worst: &[Example]) -> anyhow:
     }
 }
 
+/// Of the examples of several methods, as many of each, the first two: the best and the worst.
+pub fn best_and_worst(examples: Vec<Example>, methods: usize) -> Vec<Example> {
+    let each = (examples.len() / methods.max(1)).max(1);
+    let numbered = examples.into_iter().enumerate();
+    let chosen = numbered.filter(|(place, _)| place % each < 2);
+    chosen.map(|(_, example)| example).collect()
+}
+
 /// The share of the test commands below each Chamfer distance, a line for each row of the evaluation.
 fn distances(evaluation: &Evaluation) -> Figure {
     let line = |(place, ink): (usize, Ink)| {
@@ -41,14 +49,21 @@ fn distances(evaluation: &Evaluation) -> Figure {
             .iter()
             .enumerate()
             .flat_map(|(k, value)| [k, k + 1].map(|below| [*value, 100.0 * below as f64 / count]));
+        let row = &evaluation.rows[place];
         Mark {
-            name: evaluation.rows[place].about.name.clone(),
-            shape: Shape::Line,
+            name: row.about.name.clone(),
+            shape: match row.kind {
+                RowKind::Reference => Shape::Dashes,
+                _ => Shape::Line,
+            },
             ink,
             points: steps.collect(),
         }
     };
-    let marks: Vec<Mark> = (0..evaluation.rows.len()).zip(INKS).map(line).collect();
+    let marks: Vec<Mark> = (0..evaluation.rows.len())
+        .zip(INKS.into_iter().cycle())
+        .map(line)
+        .collect();
     Figure {
         title: "Chamfer distances on test commands".to_owned(),
         caption: format!(

@@ -30,6 +30,7 @@ impl Predictor for Fixed {
             training: TrainingCost {
                 points: 7,
                 seconds: Some(0.5),
+                ..TrainingCost::default()
             },
             ..About::default()
         }
@@ -222,8 +223,7 @@ fn an_interruption_says_that_the_command_goes_on_only_where_a_journal_is_kept() 
             .iter()
             .map(|test| test.cloud.points.clone())
             .collect(),
-        colors: None,
-        commands: None,
+        ..PredictedClouds::default()
     };
     let given = Evaluator::of_clouds(clouds, &data, SETTINGS).unwrap();
     assert_eq!(said(&given, Some(&journal)), "interrupted");

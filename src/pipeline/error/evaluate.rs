@@ -4,6 +4,8 @@ use tdcr_learn::data::PayloadRange;
 use tdcr_sim::render::BaseVisibility;
 use thiserror::Error;
 
+use super::PipelineError;
+
 /// Why a predictor cannot be scored on a data set.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -74,6 +76,17 @@ pub enum EvalError {
         /// The key.
         key: String,
     },
+    /// One of several methods that are scored beside each other was refused.
+    #[error("{name}: {source}")]
+    OfMethod {
+        /// The file of the method, or its name.
+        name: String,
+        /// Why.
+        source: Box<PipelineError>,
+    },
+    /// Nothing is to be scored.
+    #[error("no method is to be scored, expected one or more")]
+    NoMethod,
     /// A predictor gave fewer points than are to be compared.
     #[error("{predictor}: {found} points in a predicted cloud, expected at least {expected}")]
     FewPredicted {

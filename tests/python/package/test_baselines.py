@@ -296,10 +296,22 @@ def test_a_method_is_trained_predicts_and_is_scored_by_commands(data, tmp_path, 
     assert main([*ask, "--quiet"]) == 0
     scores = evaluate(predictions=predictions, data=data, emd_points=50)
     assert np.isfinite(scores["cd"]) and scores["points"] == 150
+    model = BaselineModel.load(tmp_path / "run")
     with np.load(predictions) as first:
         points = first["points"]
+        assert str(first["method"]) == name
+        assert float(first["training_seconds"]) == model.processor_seconds > 0.0
+        assert 0.0 < float(first["prediction_seconds"]) < 60.0
+    # Under another name beside itself.
+    again = tmp_path / "again.npz"
+    assert main([*ask[:-1], str(again), "--name", "once more", "--quiet"]) == 0
+    both = evaluate(predictions=[predictions, again], data=data, emd_points=50)
+    rows = {row["name"]: row for row in both["methods"]}
+    assert rows[name]["cd"] == rows["once more"]["cd"] == scores["cd"]
+    assert rows["once more"]["training_seconds"] == model.processor_seconds
+    with pytest.raises(InputError, match="name is 'a\\\\nb', expected 1 to 60 printable letters"):
+        write_predictions(again, model, data, name="a\nb")
     # A cloud depends on its own command and seed alone.
-    model = BaselineModel.load(tmp_path / "run")
     with np.load(predictions) as first:
         alone = model.predict(first["commands"][1:2], 150, seed=1)
     np.testing.assert_allclose(alone[0], points[1], atol=2e-3 if name == "pointflow" else 1e-5)

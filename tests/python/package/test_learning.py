@@ -246,7 +246,7 @@ def test_clouds_of_any_program_are_scored(
         with pytest.raises(TdcrError, match=match):
             tdcr.evaluate(data=dataset, **{**SCORING, **arguments})
 
-    refused("model is of a model; predictions are scored", model=predictor, predictions=clouds.points)
+    refused("sampler_steps is of a model; predictions are scored", sampler_steps=4, predictions=clouds.points)
     refused(r"predictions has shape \(2, 400, 2\)", predictions=clouds.points[..., :2])
     refused(
         r"colors has shape \(2, 400\) of uint8; expected \(2, 400, 3\)",
@@ -262,6 +262,58 @@ def test_clouds_of_any_program_are_scored(
     refused("colors is of predictions; a model is scored", model=predictor, colors=clouds.colors)
     refused("report is .*scores.pdf'; expected a name that ends in .html", predictions=file, report=folder / "scores.pdf")
     refused("there is no folder .*nowhere", predictions=file, report=folder / "nowhere/scores.html")
+
+
+def test_several_methods_are_scored_beside_each_other(
+    run: tdcr.Run, predictor: tdcr.Predictor, dataset: tdcr.Dataset, folder: Path
+) -> None:
+    truth, conditions = dataset.test.clouds, dataset.test.conditions
+    near, far = truth + np.float32(0.001), truth + np.float32(0.004)
+    files = [folder / "near.npz", folder / "far.npz"]
+    np.savez(files[0], points=near, commands=conditions)
+    said = {"method": np.array("für fern"), "training_seconds": np.array(12.5), "prediction_seconds": np.float64(0.25)}
+    np.savez(files[1], points=far, commands=conditions, **said)
+    flags = ["--data", dataset.path, "--points", 400, "--emd-points", 100, "--worst", 1]
+    pages = [folder / "methods-by-command.html", folder / "methods.html"]
+    given = [part for file in files for part in ("--predictions", file)]
+    expected = command_line("eval", *given, "--model", run.model, *flags, "--report", pages[0])
+    options: dict[str, Any] = {"data": dataset, "worst": 1, **SCORING}
+    found = tdcr.evaluate(predictor, predictions=files, report=pages[1], **options)
+    for scores in (expected, found):
+        for row in scores["methods"]:
+            # A time that is measured is another one each time.
+            row["prediction_seconds"] = None if row["key"] == "network" else row["prediction_seconds"]
+    assert found == expected
+    assert "für fern" in pages[1].read_text() and "Prediction (ms)" in pages[1].read_text()
+    rows = {row["name"]: row for row in found["methods"]}
+    assert [row["name"] for row in found["methods"] if row["kind"] == "method"] == ["network", "near", "für fern"]
+    assert (rows["für fern"]["training_seconds"], rows["für fern"]["prediction_seconds"]) == (12.5, 0.25)
+    assert rows["near"]["cd"] < rows["für fern"]["cd"] and rows["near"]["best"]["test"] in (0, 1)
+    # By names, as arrays and files; each is as it is alone.
+    named = tdcr.evaluate(predictions={"a": far, "b": str(files[0])}, commands=None, **options)
+    by_name = {row["key"]: row for row in named["methods"]}
+    for key, values in (("a", far), ("b", near)):
+        alone = tdcr.evaluate(predictions=values, **options)
+        assert "methods" not in alone
+        for score in ("cd", "emd", "emd_squared", "tip"):
+            assert by_name[key][score] == alone[score]
+    # Models go by their files.
+    copy = folder / "copy.safetensors"
+    copy.write_bytes(Path(run.model).read_bytes())
+    both = [row for row in tdcr.evaluate([run.model, copy], **options)["methods"] if row["kind"] == "method"]
+    assert [row["name"] for row in both] == [str(run.model), str(copy)] and both[0]["cd"] == both[1]["cd"]
+
+    def refused(match: str, **arguments: Any) -> None:
+        with pytest.raises(InputError, match=match):
+            tdcr.evaluate(**{**options, **arguments})
+
+    refused("^c: 1 predicted clouds, expected 2", predictions={"a": far, "c": truth[:1]})
+    refused("^c: predicted cloud 0 is of the command", predictions={"c": truth, "d": far}, commands=conditions[::-1])
+    refused("^c: points is 400; expected 1 to 399", predictions={"a": far, "c": truth[:, :399]})
+    refused("far.npz: two predictors have the key `für fern`", predictions=[files[1], files[1]])
+    refused("^floor: two predictors have the key `floor`", predictions={"a": far, "floor": truth})
+    refused("predictions is an empty dictionary", predictions={})
+    refused("model is an empty list", model=[])
 
 
 def test_a_distilled_network_is_that_of_the_command_line(

@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="no PyTorch here: install tests/python/requirements-torch.txt")
 safetensors_torch = pytest.importorskip("safetensors.torch")
 
-from tdcr import Robot, evaluate  # noqa: E402
+from tdcr import Robot, evaluate, export_clouds, import_clouds  # noqa: E402
 from tdcr.errors import InputError  # noqa: E402
 from tdcr.torch.baselines import BaselineModel, Run, Settings, ffksm, method, splat  # noqa: E402
 from tdcr.torch.baselines.__main__ import main  # noqa: E402
@@ -72,3 +72,23 @@ def test_cameras_that_stand_freely_are_refused():
     robot = Robot({**Robot("2m").to_dict(), "cameras": [placed]})
     with pytest.raises(InputError, match="expected a ring of undistorted cameras"):
         with_pictures(robot, 100)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_data_sets_without_recipe_and_masks_are_refused(dataset, tmp_path, name, capsys):
+    export_clouds(dataset, tmp_path / "clouds", "npz")
+    import_clouds(tmp_path / "clouds/train", tmp_path / "imported", points=100)
+    run = [
+        name,
+        "--data",
+        str(tmp_path / "imported"),
+        "--out",
+        str(tmp_path / "run"),
+        "--steps",
+        "1",
+        "--quiet",
+        "--device",
+        "cpu",
+    ]
+    assert main(run) == 1
+    assert "no recipe to render pictures and masks from, and it holds none" in capsys.readouterr().err

@@ -140,6 +140,42 @@ impl Member {
         parse_shaped(&self.npy).map_err(|fault| self.inside(fault))
     }
 
+    /// The number of an array without dimensions.
+    pub fn number(&self) -> Result<f64, Fault> {
+        let read = || {
+            let array = parse_array(&self.npy)?;
+            let kind = number_kind(array.descr)?;
+            match (&array.shape[..], array.data.len() == kind.size()) {
+                ([], true) => Ok(kind.read(array.data)),
+                _ => Err(fault(&format!(
+                    "shape {:?}, expected a number without dimensions",
+                    array.shape
+                ))),
+            }
+        };
+        read().map_err(|fault| self.inside(fault))
+    }
+
+    /// The text of an array without dimensions, of NumPy's kind `U`: UTF-32, filled up with zeros.
+    pub fn text(&self) -> Result<String, Fault> {
+        let read = || {
+            let array = parse_array(&self.npy)?;
+            let (words, rest) = array.data.as_chunks::<4>();
+            let length = array.descr.strip_prefix("<U").map(str::parse::<usize>);
+            if length != Some(Ok(words.len())) || !array.shape.is_empty() || !rest.is_empty() {
+                let (descr, shape) = (array.descr, &array.shape);
+                return Err(fault(&format!(
+                    "elements of type `{descr}` in the shape {shape:?}, expected one text, <U"
+                )));
+            }
+            let letters = words.iter().map(|word| u32::from_le_bytes(*word));
+            let text: Option<String> = letters.map(char::from_u32).collect();
+            let text = text.ok_or_else(|| fault("not text"))?;
+            Ok(text.trim_end_matches('\0').to_owned())
+        };
+        read().map_err(|fault| self.inside(fault))
+    }
+
     /// A fault of the array, with its name.
     pub fn inside(&self, fault: Fault) -> Fault {
         Fault {
@@ -180,10 +216,21 @@ fn parse(bytes: &[u8]) -> Result<Table<'_>, Fault> {
     }
 }
 
-/// Reads an array of little-endian numbers in C order, of at least one dimension: its shape, and a table with as many
-/// columns as the last dimension is long.
-fn parse_shaped(bytes: &[u8]) -> Result<(Vec<usize>, Table<'_>), Fault> {
-    let fault = |problem: &str| Fault::new("header", problem);
+/// An array in the bytes of a file, in C order: type of its elements as NumPy names it, shape, and the bytes of its elements.
+struct Array<'a> {
+    descr: &'a str,
+    shape: Vec<usize>,
+    /// Where the elements begin in the file.
+    start: usize,
+    data: &'a [u8],
+}
+
+fn fault(problem: &str) -> Fault {
+    Fault::new("header", problem)
+}
+
+/// Reads the header of an array in C order.
+fn parse_array(bytes: &[u8]) -> Result<Array<'_>, Fault> {
     let short = || fault("the file ends within its header");
     if !bytes.starts_with(MAGIC) {
         return Err(Fault::new("byte 0", "not an NPY array"));
@@ -217,36 +264,42 @@ fn parse_shaped(bytes: &[u8]) -> Result<(Vec<usize>, Table<'_>), Fault> {
         ));
     }
     let descr = value("descr")?.trim_start_matches('\'');
-    let descr = descr.split('\'').next().unwrap_or("");
     let shape = value("shape")?.trim_start_matches('(');
-    let shape: Vec<usize> = shape
-        .split(')')
-        .next()
-        .unwrap_or("")
-        .split(',')
-        .map(str::trim)
-        .filter(|word| !word.is_empty())
-        .map(|word| word.parse().map_err(|_| fault("shape is not of numbers")))
-        .collect::<Result<_, _>>()?;
+    Ok(Array {
+        descr: descr.split('\'').next().unwrap_or(""),
+        shape: shape
+            .split(')')
+            .next()
+            .unwrap_or("")
+            .split(',')
+            .map(str::trim)
+            .filter(|word| !word.is_empty())
+            .map(|word| word.parse().map_err(|_| fault("shape is not of numbers")))
+            .collect::<Result<_, _>>()?,
+        start: start + length,
+        data: &bytes[start + length..],
+    })
+}
+
+/// Reads an array of little-endian numbers in C order, of at least one dimension: its shape, and a table with as many
+/// columns as the last dimension is long.
+fn parse_shaped(bytes: &[u8]) -> Result<(Vec<usize>, Table<'_>), Fault> {
+    let Array {
+        descr,
+        shape,
+        start,
+        data,
+    } = parse_array(bytes)?;
     let Some((&columns, leading)) = shape.split_last() else {
         return Err(fault("no shape, expected at least one dimension"));
     };
     let rows = leading.iter().try_fold(1_usize, |n, &k| n.checked_mul(k));
     let rows = rows.ok_or_else(|| fault(&format!("shape {shape:?} is too large")))?;
-    let data = &bytes[start + length..];
-    let kind = match descr {
-        "<f4" => Kind::F32,
-        "<f8" => Kind::F64,
-        "|u1" => Kind::U8,
-        _ => {
-            let problem = format!("elements of type `{descr}`, expected <f4, <f8 or |u1");
-            return Err(fault(&problem));
-        }
-    };
+    let kind = number_kind(descr)?;
     let count = data.len() / kind.size();
     if rows.checked_mul(columns) != Some(count) || count == 0 {
         let problem = format!("{count} numbers, expected {rows} times {columns}");
-        return Err(Fault::new(format!("byte {}", start + length), problem));
+        return Err(Fault::new(format!("byte {start}"), problem));
     }
     let table = Table {
         rows,
@@ -255,6 +308,18 @@ fn parse_shaped(bytes: &[u8]) -> Result<(Vec<usize>, Table<'_>), Fault> {
         kind,
     };
     Ok((shape, table))
+}
+
+fn number_kind(descr: &str) -> Result<Kind, Fault> {
+    match descr {
+        "<f4" => Ok(Kind::F32),
+        "<f8" => Ok(Kind::F64),
+        "|u1" => Ok(Kind::U8),
+        _ => {
+            let problem = format!("elements of type `{descr}`, expected <f4, <f8 or |u1");
+            Err(fault(&problem))
+        }
+    }
 }
 
 /// An NPY file, version 1.0, up to its data, which follow in C order.

@@ -28,20 +28,23 @@ pub enum NpzValues<'a> {
     Floats(&'a [f32]),
     /// `uint8`.
     Bytes(&'a [u8]),
+    /// One text, `str`, of an array without dimensions.
+    Text(&'a str),
 }
 
 impl NpzArray<'_> {
     /// NumPy's name of the type of its values.
-    fn descr(&self) -> &'static str {
+    fn descr(&self) -> String {
         match self.values {
-            NpzValues::Floats(_) => "<f4",
-            NpzValues::Bytes(_) => "|u1",
+            NpzValues::Floats(_) => "<f4".to_owned(),
+            NpzValues::Bytes(_) => "|u1".to_owned(),
+            NpzValues::Text(text) => format!("<U{}", text.chars().count()),
         }
     }
 
     /// A file of it alone.
     fn npy(&self) -> Result<Vec<u8>, Fault> {
-        Ok([header(self.shape, self.descr()), self.data()?].concat())
+        Ok([header(self.shape, &self.descr()), self.data()?].concat())
     }
 
     /// Its values as a file holds them, of which there must be as many as its shape says.
@@ -52,6 +55,10 @@ impl NpzArray<'_> {
                 (values.len(), data)
             }
             NpzValues::Bytes(values) => (values.len(), values.to_vec()),
+            NpzValues::Text(text) => {
+                let letters = text.chars().flat_map(|c| u32::from(c).to_le_bytes());
+                (1, letters.collect())
+            }
         };
         let expected: usize = self.shape.iter().product();
         if count != expected {
@@ -113,7 +120,7 @@ pub struct NpzRows {
 struct Rows {
     name: String,
     shape: Vec<usize>,
-    descr: &'static str,
+    descr: String,
     count: usize,
     data: File,
 }
@@ -156,7 +163,7 @@ impl NpzRows {
             }
         };
         let rows = &mut self.arrays[place];
-        if (&rows.shape[..], rows.descr) != (row.shape, row.descr()) {
+        if (&rows.shape[..], &rows.descr) != (row.shape, &row.descr()) {
             let problem = format!(
                 "a row of shape {:?} and type `{}`, expected {:?} and `{}` as before",
                 row.shape,
@@ -180,7 +187,7 @@ impl NpzRows {
         let Self { path, rows, arrays } = self;
         let whole = arrays.into_iter().filter(|array| array.count == rows);
         let files = whole.map(|mut array| {
-            let header = header(&[&[rows], &array.shape[..]].concat(), array.descr);
+            let header = header(&[&[rows], &array.shape[..]].concat(), &array.descr);
             let size = header.len() as u64 + array.data.stream_position()?;
             array.data.rewind()?;
             Ok((

@@ -19,10 +19,21 @@ pub struct PredictedClouds {
     pub colors: Option<Vec<Vec<[u8; 3]>>>,
     /// The commands that they were predicted for, where the file says so: the motors, then the payload if there is one.
     pub commands: Option<Vec<Vec<f32>>>,
+    /// Name of the method that predicted them, where the file says it.
+    pub method: Option<String>,
+    /// Time of all processors that its training took (s), where the file says it.
+    pub training_seconds: Option<f64>,
+    /// Time that the prediction of one cloud took (s), where the file says it.
+    pub prediction_seconds: Option<f64>,
 }
 
+/// Letters of a method's name at most: what fits a table.
+const LONGEST_NAME: usize = 60;
+
 /// Reads clouds as `tdcr predict --commands FILE --out clouds.npz` writes them: an NPZ file of `points` (T, N, 3), floats
-/// (m), and maybe `rgb` (T, N, 3), bytes or floats from 0 to 1, and `commands` (T, D), floats. Other arrays are passed over.
+/// (m), and maybe `rgb` (T, N, 3), bytes or floats from 0 to 1, and `commands` (T, D), floats. Of the method that predicted them
+/// it may also say, in arrays without dimensions, its name (`method`, text), the time of all processors that its training took
+/// (`training_seconds`) and the time of the prediction of a cloud (`prediction_seconds`), floats. Other arrays are passed over.
 ///
 /// # Errors
 /// [`CloudFileError`] for what cannot be read, an array of another shape, and a number that is not finite.
@@ -95,11 +106,35 @@ fn parse(bytes: &[u8]) -> Result<PredictedClouds, Fault> {
             Some(commands)
         }
     };
+    let method = find("method")?.map(|member| name_in(&member)).transpose()?;
+    let mut seconds = |name| find(name)?.map(|member| seconds_in(&member)).transpose();
     Ok(PredictedClouds {
         points,
         colors,
         commands,
+        method,
+        training_seconds: seconds("training_seconds")?,
+        prediction_seconds: seconds("prediction_seconds")?,
     })
+}
+
+fn name_in(member: &Member) -> Result<String, Fault> {
+    let name = member.text()?;
+    let letters = name.chars().count();
+    if name.trim().is_empty() || letters > LONGEST_NAME || name.chars().any(char::is_control) {
+        let problem = format!("{name:?}, expected a name of 1 to {LONGEST_NAME} printable letters");
+        return Err(member.inside(Fault::new("data", problem)));
+    }
+    Ok(name)
+}
+
+fn seconds_in(member: &Member) -> Result<f64, Fault> {
+    let seconds = member.number()?;
+    if seconds >= 0.0 && seconds.is_finite() {
+        return Ok(seconds);
+    }
+    let problem = format!("{seconds}, expected a finite number of seconds, 0 or more");
+    Err(member.inside(Fault::new("data", problem)))
 }
 
 fn wrong_shape(name: &str, found: &[usize], expected: &str) -> Fault {

@@ -16,14 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from tdcr.data import SPLITS
-from tdcr.errors import TdcrError
 from tdcr.torch.baselines._method import Settings
 from tdcr.torch.baselines._model import FILE, BaselineModel, write_predictions
 from tdcr.torch.baselines._registry import METHODS, method
 from tdcr.torch.baselines._run import Run
 from tdcr.torch.ranks import distributed
-from tdcr.torch.train import INTERRUPTED, SECONDS_PER_LINE, Progress, stopped_by_signals
-from tdcr.torch.trainer import Interrupted
+from tdcr.torch.train import SECONDS_PER_LINE, Progress, exit_status, stopped_by_signals
 
 #: Length of a run for which no other is given (minutes).
 MINUTES = 90.0
@@ -70,6 +68,7 @@ def parser() -> argparse.ArgumentParser:
     predict.add_argument("--split", choices=SPLITS, default="test", help="split of the commands [default: test]")
     predict.add_argument("--points", type=int, default=10_000, metavar="N", help="points of a cloud [default: 10000]")
     predict.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the first cloud [default: 0]")
+    predict.add_argument("--name", metavar="NAME", help="name of the method in tables of several [default: its own]")
     predict.add_argument("--out", type=Path, default=Path("predictions.npz"), metavar="FILE", help="NPZ file of the clouds")
     for one in commands.choices.values():
         one.add_argument("--device", choices=["cpu", "cuda"], help="where to compute [default: the GPU, if there is one]")
@@ -155,7 +154,7 @@ def predict(args: argparse.Namespace) -> None:
     """Predicts with a trained method."""
     with distributed(args.device) as device:
         model = BaselineModel.load(args.model, device)
-        seconds = write_predictions(args.out, model, args.data, args.split, args.points, args.seed)
+        seconds = write_predictions(args.out, model, args.data, args.split, args.points, args.seed, args.name)
     result = {"predictions": str(args.out), "method": model.method.name, "points": args.points, "seconds": seconds}
     print(json.dumps(result) if args.json else f"{args.out}: {model.method.name}, {seconds:.1f} s")
 
@@ -163,15 +162,7 @@ def predict(args: argparse.Namespace) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns its exit status."""
     args = parser().parse_args(arguments)
-    try:
-        (predict if args.command == "predict" else train)(args)
-    except Interrupted:
-        print("error: interrupted; run the same command again to go on", file=sys.stderr)
-        return INTERRUPTED
-    except (TdcrError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return exit_status(lambda: (predict if args.command == "predict" else train)(args))
 
 
 if __name__ == "__main__":

@@ -25,6 +25,9 @@ FORMAT = 1
 #: What tells these files from models of `tdcr train`.
 KIND = "baseline"
 
+#: Letters of a method's name in a file of predictions at most.
+LONGEST_NAME = 60
+
 #: Name of the file in the folder of a run.
 FILE = "model.safetensors"
 
@@ -139,15 +142,21 @@ def write_predictions(
     split: SplitName = "test",
     points: int = 10_000,
     seed: int = 0,
+    name: str | None = None,
 ) -> float:
     """Predicts every command of a split of a data set into an NPZ file for `tdcr eval --predictions`; returns the seconds.
 
-    Command k has the random numbers of `seed` + k.
+    Command k has the random numbers of `seed` + k. The file also says, for the table of several methods, the `name`, by default
+    the method's own, the time of all processors that training took, and the time that the prediction of a cloud took.
 
     Raises:
+        tdcr.errors.InputError: for a name that is no text of 1 to 60 printable letters.
         tdcr.errors.TrainError: where the data set is of another robot than that which the model was trained on.
     """
     file = as_file(path, "path", ".npz")
+    name = model.method.name if name is None else name
+    if not (1 <= len(name) <= LONGEST_NAME and name.isprintable() and name.strip()):
+        raise InputError(f"name is {name!r}, expected 1 to {LONGEST_NAME} printable letters")
     data = Dataset(folder)
     subject = model.provenance["subject"]
     if subject is not None and data._subject is not None and subject != data._subject:
@@ -156,7 +165,12 @@ def write_predictions(
     begun = time.perf_counter()
     clouds = model.predict(commands, points, range(seed, seed + len(commands)))
     seconds = time.perf_counter() - begun
-    np.savez(file, allow_pickle=False, points=clouds, commands=commands)
+    said = {
+        "method": np.array(name, dtype="<U"),
+        "training_seconds": np.array(model.processor_seconds, dtype="<f8"),
+        "prediction_seconds": np.array(seconds / len(commands), dtype="<f8"),
+    }
+    np.savez(file, allow_pickle=False, points=clouds, commands=commands, **said)
     return seconds
 
 

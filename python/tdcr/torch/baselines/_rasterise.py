@@ -5,8 +5,10 @@ of Zwicker, Pfister, van Baar and Gross, "EWA splatting" (2002), whose affine ap
 
     S' = J W S W^T J^T + 0.3 I,   a = min(0.99, o exp(-d^T S'^-1 d / 2)),   pixel = sum_i c_i a_i prod_{j < i} (1 - a_j),
 
-for Gaussians in the order of their depths, those with a below 1/255 left out, until the product would fall below 1e-4. Instead
-of tiles, the pairs of a Gaussian and a pixel within the rectangle around its ellipse a >= 1/255 are listed and sorted by pixel.
+for Gaussians in the order of their depths, those with a below 1/255 left out, until the product would fall below 1e-4.
+
+On a processor and in single precision the native module blends (`_blend`). Elsewhere PyTorch does (`blended`): instead of tiles,
+the pairs of a Gaussian and a pixel within the rectangle around its ellipse a >= 1/255 are listed and sorted by pixel.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from tdcr.torch.baselines._blend import blend
 from tdcr.torch.baselines.views import Cameras
 
 #: Variance that the projected Gaussians are widened by (pixels squared).
@@ -46,7 +49,7 @@ class Gaussians:
     covariances: Tensor
     #: Opacities (G,).
     opacities: Tensor
-    #: Colours (G, C).
+    #: Colours (N, G, C).
     colors: Tensor
 
 
@@ -77,16 +80,24 @@ class Picture:
 def rasterise(gaussians: Gaussians, cameras: Cameras, camera: Tensor) -> Picture:
     """Pictures of Gaussians by cameras (N,), one for each of the N sets of Gaussians."""
     seen = project(gaussians.means, gaussians.covariances, cameras, camera)
-    pictures = len(seen.depths)
-    pixels = cameras.size[0] * cameras.size[1]
-    pairs = pair(seen, gaussians.opacities, cameras.size)
+    if seen.means.device.type == "cpu" and seen.means.dtype == torch.float32:
+        colors, opacity, depth = blend(
+            seen.means, seen.covariances, seen.depths, gaussians.opacities, gaussians.colors, *cameras.size, NEAR
+        )
+        return Picture(colors, opacity, depth.detach())
+    return blended(seen, gaussians.opacities, gaussians.colors, cameras.size)
+
+
+def blended(seen: Projected, opacities: Tensor, colors: Tensor, size: tuple[int, int]) -> Picture:
+    """Pictures of `size` pixels, height and width, of Gaussians on their planes with opacities (G,) and colours (N, G, C)."""
+    pictures, pixels = len(seen.depths), size[0] * size[1]
+    pairs = pair(seen, opacities, size)
     # What pairs look up, in one table: mean, covariance, opacity, colour.
-    shared = torch.cat([gaussians.opacities[:, None], gaussians.colors], dim=-1).expand(pictures, -1, -1)
-    table = torch.cat([seen.means, seen.covariances, shared], dim=-1).flatten(0, 1)
+    shared = opacities[:, None].expand(pictures, -1, -1)
+    table = torch.cat([seen.means, seen.covariances, shared, colors], dim=-1).flatten(0, 1)
     looked = table.index_select(0, pairs.row)
     opacity = footprint(looked[:, :5], looked[:, 5], pairs.place)
-    colors = looked[:, 6:]
-    channels = torch.cat([colors, torch.ones_like(colors[:, :1])], dim=-1)
+    channels = torch.cat([looked[:, 6:], torch.ones_like(looked[:, :1])], dim=-1)
     found, through = Blend.apply(opacity, channels, pairs.pixel, pictures * pixels)
     depth = median(seen.depths.detach().flatten(), pairs, opacity.detach(), through, pictures * pixels)
     found = found.view(pictures, pixels, -1)

@@ -81,7 +81,10 @@ class Views:
         """
         data = Dataset(folder)
         if data.robot is None or data._subject is None:
-            raise DataError(f"{folder}: does not say which robot its clouds show, expected a data set of `tdcr collect`")
+            raise DataError(
+                f"{folder}: its samples were not simulated, so there is no recipe to render pictures and masks from, and it "
+                "holds none; expected a data set of `tdcr collect`"
+            )
         robot = with_pictures(data.robot, size)
         conditions = data.split(split).conditions[:samples].astype(np.float64)
         commands = conditions[:, : robot.tendons]

@@ -1,33 +1,35 @@
 //! From predictors to their scores, beside those of trivial predictors and the sampling floor.
 
+mod prepare;
+
 use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tdcr_learn::data::{DataSet, Meta, PredictedClouds, Sample, Split};
-use tdcr_learn::flow::Sampler;
-use tdcr_learn::predict::{About, MeanCommand, NearestCommand, Prediction, Predictor};
-use tdcr_learn::prior::{Prior, SurfacePrior};
-use tdcr_learn::train::{FlowPredictor, Model};
+use tdcr_learn::data::Sample;
+use tdcr_learn::predict::{About, NearestCommand, Prediction, Predictor};
 use tdcr_sim::robot::{Robot, RobotSpec};
 
 use super::eval_settings::{EvalSettings, Scoring};
 use super::journal::Journal;
 use super::measure::{Extent, Measure, subset};
-use super::method::{Clouds, Method, require_commands};
-use super::scores::{Evaluation, Row, Scores};
+use super::method::{Clouds, ScoredMethod};
+use super::scores::{Evaluation, Quantiles, Row, RowKind, Scores};
 use super::simulation::Simulation;
-use super::subject::require_same;
 use super::{EvalError, Monitor, PipelineError};
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 12;
+const JOURNAL_FORMAT: u32 = 13;
+
+/// Predictions of a method that are timed.
+const TIMED: usize = 3;
 
 /// Points of a test cloud and distinct ones of them, means.
 fn true_points(test: &[Sample]) -> [f64; 2] {
@@ -64,7 +66,7 @@ struct Entry {
 /// expected to beat. The mean command and the references take a data set that names its robot.
 pub struct Evaluator {
     /// In the order of their rows: what is evaluated, `standard - 1` trivial predictors, and those that were added.
-    methods: Vec<Method>,
+    methods: Vec<ScoredMethod>,
     standard: usize,
     nearest: Arc<NearestCommand>,
     scoring: Scoring,
@@ -79,124 +81,6 @@ pub struct Evaluator {
 }
 
 impl Evaluator {
-    /// Prepares to test `predictor` on the data set in the folder `data`.
-    ///
-    /// # Errors
-    /// [`PipelineError`] where the data set cannot be read, shows another subject than the predictor's (robot,
-    /// base, payloads), or has fewer points per cloud than are to be compared.
-    pub fn new(
-        predictor: Arc<dyn Predictor>,
-        data: &Path,
-        settings: EvalSettings,
-    ) -> Result<Self, PipelineError> {
-        let method = Method::predictor(predictor, Extent::All);
-        Self::of(method, data, settings)
-    }
-
-    /// Prepares to score `model` with `sampler`, beside the simulator alone where its flow starts from a simulated surface.
-    ///
-    /// # Errors
-    /// As [`new`](Self::new).
-    pub fn of_model(
-        model: Arc<Model>,
-        sampler: Sampler,
-        data: &Path,
-        settings: EvalSettings,
-    ) -> Result<Self, PipelineError> {
-        let prior = model.settings.prior.clone();
-        let predictor = FlowPredictor::new(model, sampler);
-        let mut evaluator = Self::new(Arc::new(predictor), data, settings)?;
-        if let Prior::Surface(recipe) = prior {
-            evaluator.compare(Arc::new(SurfacePrior::new(&recipe)?))?;
-        }
-        Ok(evaluator)
-    }
-
-    /// Prepares to score `clouds`, predicted by any program for the test commands of the data set in the folder `data`, in
-    /// their order.
-    ///
-    /// # Errors
-    /// [`PipelineError`] where the data set cannot be read, has another number of test commands or other ones than the
-    /// clouds, or where there are fewer points than are to be compared.
-    pub fn of_clouds(
-        clouds: PredictedClouds,
-        data: &Path,
-        settings: EvalSettings,
-    ) -> Result<Self, PipelineError> {
-        Self::of(Method::given(clouds), data, settings)
-    }
-
-    fn of(method: Method, data: &Path, settings: EvalSettings) -> Result<Self, PipelineError> {
-        let set = DataSet::open(data)?;
-        let recipe = set.meta().and_then(|meta| meta.origin.recipe().cloned());
-        if let (Some(subject), Some(recipe)) = (&method.about.subject, &recipe) {
-            require_same(subject, &recipe.subject)?;
-        }
-        let (training, mut test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
-        set.require_some(Split::Test, test.len())?;
-        let mut available = test.iter().map(|sample| sample.cloud.len()).min();
-        if let Clouds::Given(clouds) = &method.clouds {
-            require_commands(clouds, &test, set.normalisation())?;
-            available = available.min(clouds.points.iter().map(Vec::len).min());
-        }
-        let available = available.unwrap_or(0);
-        // The cloud of the nearest training command is compared by earth mover's distances alone.
-        let scoring = Scoring::new(&settings, available, training.points_per_cloud)?;
-        if let Some(found) = settings.tests {
-            let most = test.len();
-            if !(1..=most).contains(&found) {
-                return Err(EvalError::ScoredTests { found, most }.into());
-            }
-            test.truncate(found);
-        }
-        let mut colors = test.iter().flat_map(|sample| &sample.cloud.colors);
-        let first = colors.next();
-        let colored = colors.any(|color| Some(color) != first);
-        let points = training.points_per_cloud;
-        let simulation = recipe
-            .map(|recipe| Simulation::new(recipe, points))
-            .transpose()?;
-        let mean = simulation.as_ref().map(|Simulation { robot, recipe, .. }| {
-            MeanCommand::new(robot, recipe, set.normalisation(), &training, settings.seed)
-        });
-        let mean = mean.transpose()?;
-        let normalisation = set.normalisation().clone();
-        let nearest = Arc::new(NearestCommand::new(training, normalisation)?);
-        let mut methods = vec![method, Method::predictor(nearest.clone(), Extent::Tip)];
-        methods.extend(mean.map(|mean| Method::predictor(Arc::new(mean), Extent::Distances)));
-        Ok(Self {
-            standard: methods.len(),
-            methods,
-            nearest,
-            scoring,
-            asked: settings,
-            test,
-            colored,
-            simulation,
-            shown: set.meta().and_then(Meta::robot).cloned(),
-        })
-    }
-
-    /// Adds a predictor that is scored beside what is evaluated. The scores of all other rows stay as they are without it.
-    ///
-    /// # Errors
-    /// [`EvalError::SameKey`] where a row has its key already; as [`new`](Self::new) where it is of another subject.
-    pub fn compare(&mut self, predictor: Arc<dyn Predictor>) -> Result<(), PipelineError> {
-        let method = Method::predictor(predictor, Extent::All);
-        let key = &method.about.key;
-        let references = REFERENCES.iter().map(|(key, _)| *key);
-        let mut keys =
-            (self.methods.iter().map(|other| other.about.key.as_str())).chain(references);
-        if keys.any(|other| other == key) {
-            return Err(EvalError::SameKey { key: key.clone() }.into());
-        }
-        if let (Some(subject), Some(simulation)) = (&method.about.subject, &self.simulation) {
-            require_same(subject, &simulation.recipe.subject)?;
-        }
-        self.methods.push(method);
-        Ok(())
-    }
-
     /// How clouds are compared.
     pub fn scoring(&self) -> &Scoring {
         &self.scoring
@@ -251,19 +135,39 @@ impl Evaluator {
     /// Whether colours are predicted that the data set cannot judge: all points of its test clouds have one
     /// colour, as those of clouds that were imported without colours do.
     pub fn lacks_colors(&self) -> bool {
-        self.methods[0].about.colors && !self.colored
+        let mut evaluated = self.methods.iter().filter(|m| m.kind == RowKind::Method);
+        !self.colored && evaluated.any(|method| method.about.colors)
     }
 
-    /// The evaluated cloud for test command `index`: of a predictor that draws points, as many as are compared.
+    /// The cloud of the row at `place`, which is no reference's, for test command `index`: of a predictor that draws points, as
+    /// many as are compared.
     ///
     /// # Errors
     /// [`PipelineError::Predict`] where the command does not fit the predictor.
-    pub fn predict(&self, index: usize) -> Result<Prediction, PipelineError> {
-        self.cloud(&self.methods[0], index)
+    ///
+    /// # Panics
+    /// Where `place` is that of a reference, or of no row.
+    pub fn predict(&self, place: usize, index: usize) -> Result<Prediction, PipelineError> {
+        self.cloud(&self.methods[place], index)
+    }
+
+    /// Wall-clock time of a prediction by `method` (s), alone on all threads: the median of some; of clouds that were given, what
+    /// their file says.
+    fn prediction_seconds(&self, method: &ScoredMethod) -> Result<Option<f64>, PipelineError> {
+        if let Clouds::Given(_) = method.clouds {
+            return Ok(method.about.prediction_seconds);
+        }
+        let time = |index: usize| {
+            let begun = Instant::now();
+            self.cloud(method, index)?;
+            Ok::<_, PipelineError>(begun.elapsed().as_secs_f64())
+        };
+        let times = (0..TIMED.min(self.test.len())).map(time);
+        Ok(Some(Quantiles::of(times.collect::<Result<_, _>>()?).median))
     }
 
     /// The cloud of a method for test command `index`.
-    fn cloud(&self, method: &Method, index: usize) -> Result<Prediction, PipelineError> {
+    fn cloud(&self, method: &ScoredMethod, index: usize) -> Result<Prediction, PipelineError> {
         let Scoring {
             points,
             emd_points,
@@ -316,11 +220,17 @@ impl Evaluator {
         Ok(self.nearest.distance(&self.test[index].condition)?)
     }
 
-    /// What is scored, in the order of the rows.
-    fn rows(&self) -> Vec<Row> {
-        let predicted = self.methods.iter().map(|method| Row {
-            about: method.about.clone(),
-            is_reference: false,
+    /// What is scored, in the order of the rows. Of several methods the time of a prediction is measured.
+    fn rows(&self) -> Result<Vec<Row>, PipelineError> {
+        let evaluated = |method: &&ScoredMethod| method.kind == RowKind::Method;
+        let several = self.methods.iter().filter(evaluated).count() > 1;
+        let predicted = self.methods.iter().map(|method| {
+            let mut about = method.about.clone();
+            if several && evaluated(&method) {
+                about.prediction_seconds = self.prediction_seconds(method)?;
+            }
+            let kind = method.kind;
+            Ok::<_, PipelineError>(Row { about, kind })
         });
         let reference = |(key, name): (&str, &str)| Row {
             about: About {
@@ -329,15 +239,16 @@ impl Evaluator {
                 method: "another sample of the true surface".to_owned(),
                 ..About::default()
             },
-            is_reference: true,
+            kind: RowKind::Reference,
         };
         let references = self.simulation.iter().flat_map(|_| REFERENCES);
-        predicted.chain(references.map(reference)).collect()
+        let references = references.map(|names| Ok(reference(names)));
+        predicted.chain(references).collect()
     }
 
     /// What the entries of a journal are of; `None` where clouds are given, as those of another file might be others.
     fn journal_key(&self) -> Option<Value> {
-        let of = |method: &Method| match method.clouds {
+        let of = |method: &ScoredMethod| match method.clouds {
             Clouds::Predicted(_) => Some(json!({
                 "key": method.about.key,
                 "made_from": method.about.made_from,
@@ -406,15 +317,15 @@ impl Evaluator {
             .map(|scores| scores.expect("scored, or kept"))
             .collect();
         Ok(Evaluation {
-            rows: self.rows(),
+            rows: self.rows()?,
             per_test,
             true_points: true_points(&self.test),
         })
     }
 
     fn score(&self, index: usize) -> Result<Scores, PipelineError> {
-        // One random stream, in this order: the true points, the standard rows, the references, what was added. So what is added
-        // moves no other row.
+        // One random stream, in this order: the true points, the standard rows, the references. What was added starts where the
+        // first row does: so it moves no other row, and has the scores that it would have alone.
         let mut rng = ChaCha8Rng::seed_from_u64(self.scoring.seed);
         rng.set_stream(index as u64);
         let sample = &self.test[index];
@@ -430,11 +341,12 @@ impl Evaluator {
             settled: settled.transpose()?,
             colored: self.colored,
         };
-        let score = |method: &Method, rng: &mut ChaCha8Rng| {
+        let score = |method: &ScoredMethod, rng: &mut ChaCha8Rng| {
             let prediction = self.cloud(method, index)?;
             let key = &method.about.key;
             Ok::<_, PipelineError>(measure.row(key, &prediction, method.extent, rng)?)
         };
+        let first = rng.clone();
         let (standard, added) = self.methods.split_at(self.standard);
         let mut rows = Vec::new();
         for method in standard {
@@ -449,7 +361,7 @@ impl Evaluator {
             None => None,
         };
         for method in added {
-            rows.push(score(method, &mut rng)?);
+            rows.push(score(method, &mut first.clone())?);
         }
         rows.extend(references.into_iter().flatten());
         Ok(Scores { rows })
