@@ -20,6 +20,30 @@ pub(super) struct Law {
     pub reach: f64,
 }
 
+/// How hard contacts are while the robot settles.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Hardness {
+    /// Barrier (J).
+    pub barrier: f64,
+    /// Compliance of contacts that are harder (m/N).
+    pub softness: f64,
+}
+
+impl Hardness {
+    /// That of the contacts that there are, with a barrier (J).
+    pub fn of_barrier(barrier: f64) -> Self {
+        Self {
+            barrier,
+            softness: 0.0,
+        }
+    }
+
+    /// The law of a contact whose compliance (m/N) and reach (m) are given.
+    pub fn law(self, compliance: f64, reach: f64) -> Law {
+        Law::new(self.barrier, compliance.max(self.softness), reach)
+    }
+}
+
 /// What a contact does at a gap.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Response {
@@ -58,6 +82,12 @@ impl Law {
         0.5 * self.compliance * force * force - self.barrier * (apart / self.reach).ln()
     }
 
+    /// To first order, what the law `next` adds to a response of this one at the same gap (N).
+    pub fn change(&self, response: &Response, next: &Self) -> f64 {
+        let by_barrier = (next.barrier - self.barrier) * response.stiffness / response.force;
+        by_barrier + (next.compliance - self.compliance) * response.by_compliance
+    }
+
     fn root(&self, gap: f64) -> f64 {
         (gap * gap + 4.0 * self.compliance * self.barrier).sqrt()
     }
@@ -87,6 +117,23 @@ mod tests {
                 let bend = (below.force - above.force) / (2.0 * step);
                 assert!((slope / at.force - 1.0).abs() < 1e-5, "{slope} {at:?}");
                 assert!((bend / at.stiffness - 1.0).abs() < 1e-3, "{bend} {at:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_harder_law_changes_the_force_to_first_order() {
+        let law = Law::new(1e-6, 1e-4, 0.05);
+        for gap in [-1e-4, 0.0, 1e-4] {
+            let response = law.at(gap);
+            for (barrier, compliance) in [(1e-10, 0.0), (0.0, -1e-8), (1e-10, -1e-8)] {
+                let next = Law::new(law.barrier + barrier, law.compliance + compliance, 0.05);
+                let change = next.at(gap).force - response.force;
+                let predicted = law.change(&response, &next);
+                assert!(
+                    (change - predicted).abs() < 1e-3 * change.abs(),
+                    "{change} {predicted}"
+                );
             }
         }
     }

@@ -7,16 +7,21 @@
 //! The robot touches with its [`Beads`](crate::geometry::Beads). A contact has a normal force without friction that keeps the
 //! distance of the surfaces above 0 after they have given way by the obstacle's compliance; that is a potential, so an equilibrium
 //! is a minimum of the energy, and its stability is told with the contacts in it. Steps of the solve are bounded by the clearance, so
-//! that no bead passes through an obstacle on the way from the straight pose.
+//! that no bead passes through an obstacle on the way from the straight pose. Contacts are soft at first, and harden to what they are.
 
+mod clear;
+mod descent;
 mod equations;
 mod friction;
 mod law;
 mod motion;
 mod near;
 mod near_pairs;
+mod report;
+mod rubbing;
 mod sensitivity;
 mod settler;
+mod soften;
 mod stability;
 
 pub use motion::{ContactLaw, ContactStepper, Impedance};

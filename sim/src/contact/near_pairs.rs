@@ -140,7 +140,7 @@ impl PairNeighbourhood {
         if by_spheres > 0.5 * enclosing {
             return by_spheres;
         }
-        let axis = |disc: usize| -> Vector3<f64> { chain.disc(disc) * Vector3::z() };
+        let axis = |disc: usize| -> Vector3<f64> { chain.disc(disc).column(2).into() };
         let axes = [axis(i), axis(j)];
         let Some(across) = (axes[0] + axes[1]).try_normalize(1e-3) else {
             return by_spheres;

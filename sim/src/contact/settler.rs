@@ -1,11 +1,10 @@
 //! From command to equilibrium among obstacles.
 
-use super::equations::{Equations, Minimisation};
-use super::friction::Bristle;
-use super::law::{Law, Response};
-use super::{
-    Activity, Contact, ContactEquilibrium, ContactError, ContactSensitivity, Partner, Sliding,
-};
+use super::descent::Minimisation;
+use super::equations::Equations;
+use super::law::Hardness;
+use super::report::report;
+use super::{Contact, ContactEquilibrium, ContactError, ContactSensitivity, Sliding};
 use crate::chain::Configuration;
 use crate::energy::following::follows;
 use crate::energy::{DeadForces, Potential};
@@ -14,24 +13,26 @@ use crate::robot::{Command, Loads, Robot, Tendon};
 use crate::scene::Scene;
 use crate::sensitivity::SensitivityError;
 use crate::solve::{MAX_CORRECTIONS, length_errors, newton};
-use crate::statics::{Examined, Settler, Stability};
+use crate::statics::{Settler, Stability};
 
-use nalgebra::Vector3;
-
-/// The first barrier, and the last (J), for each N m of the tolerance of a robot's moments.
-const FIRST_BARRIER: f64 = 3e5;
+/// The barrier of a solution (J), for each N m of the tolerance of a robot's moments.
 const LAST_BARRIER: f64 = 1e-5;
-/// The first where a configuration near the equilibrium is given.
+/// Compliance of the softest contacts (m/N), for each square metre of the widest gap within which they count and each N m of the
+/// tolerance. A push of the size of the robot's own moments presses a bead in by a fraction of its radius.
+const SOFT: f64 = 1e-8;
+/// Length over which the force of the softest contacts rises, for each metre of that gap.
+const ROUND: f64 = 0.01;
+/// Steps from the softest contacts to those that there are.
+const STAGES: u32 = 3;
+/// Residual at which the softest contacts count as solved, for each N m of the tolerance.
+const LOOSE: f64 = 1e6;
+/// The first barrier (J) where a configuration near the equilibrium is given and does not lead there at once, for each N m of the
+/// tolerance.
 const NEAR_BARRIER: f64 = 1e1;
-/// Share of the barrier that the next one is at most.
+/// The share of it that the next one is.
 const NEXT: f64 = 0.03;
 /// Residual (N m) at which a barrier (J) that is not the last counts as solved.
-const LOOSE: f64 = 100.0;
-/// Distance of two surfaces (m) from which on they do not count as touching, for each metre of the robot.
-const TOUCHING: f64 = 3e-6;
-/// How many times its surfaces' distance a contact is pressed in that is sure to bear force: derivatives then differ from those of
-/// exact contact by this share at most.
-const STRICT: f64 = 1e3;
+const LOOSE_BARRIER: f64 = 100.0;
 /// How often an unstable equilibrium is left for another one.
 const MAX_SADDLES: usize = 5;
 /// How often the normal forces are taken over that friction is bounded by.
@@ -46,16 +47,6 @@ enum Start {
     Near,
     /// From the last equilibrium, from which on friction counts.
     Before,
-}
-
-impl Start {
-    /// The first barrier (J), for each N m of the tolerance.
-    fn barrier(self) -> f64 {
-        match self {
-            Self::Straight => FIRST_BARRIER,
-            Self::Near | Self::Before => NEAR_BARRIER,
-        }
-    }
 }
 
 /// Settles commands of one robot among the obstacles of one scene, one after another. In a scene without obstacles this is
@@ -259,8 +250,7 @@ impl ContactSettler {
         true
     }
 
-    /// Settles `command` from wherever the iterate stands: the barrier falls from the first to the last, each solve starting from the one
-    /// before (Nocedal and Wright, Numerical Optimization, ch. 19.1).
+    /// Settles `command` from wherever the iterate stands.
     fn solve(
         &mut self,
         command: &Command,
@@ -273,39 +263,42 @@ impl ContactSettler {
         if start == Start::Before && self.equations.rubs() {
             self.equations.press_bristles();
         }
+        self.equations.neighbourhood.clear();
         let robot = &self.equations.robot;
         self.weight.set(robot, loads);
         self.command.copy_from_slice(command.as_slice());
-        self.tolerance = (robot.moment_tolerance())
+        self.tolerance = (self.equations.own_tolerance)
             .max(robot.load_rounding(loads))
             .max(self.equations.rounding());
-        let last = LAST_BARRIER * self.tolerance;
-        let (solved, mut iterations) =
-            self.rest(command, start, [start.barrier() * self.tolerance, last]);
-        // An unstable equilibrium is left as far as a larger barrier reaches.
+        let (solved, mut iterations) = self.rest(command, start);
+        // An unstable equilibrium is left for another one.
         let mut stability = solved.then(|| self.equations.stability());
         for _ in 0..MAX_SADDLES {
             if stability != Some(Stability::Unstable) || !self.equations.leave_saddle() {
                 break;
             }
-            let (solved, steps) = self.rest(command, start, [NEAR_BARRIER * self.tolerance, last]);
+            let start = match start {
+                Start::Straight => Start::Near,
+                Start::Near | Start::Before => start,
+            };
+            let (solved, steps) = self.rest(command, start);
             iterations += steps;
             stability = solved.then(|| self.equations.stability());
         }
-        Ok(self.report(stability, iterations))
+        report(&mut self.equations, stability, iterations, &mut self.result);
+        Ok(&self.result)
     }
 
-    /// Solves under barriers (J) from the first to the last, friction and commanded lengths in it. Whether that is solved, and the
-    /// number of steps.
-    fn rest(&mut self, command: &Command, start: Start, barriers: [f64; 2]) -> (bool, usize) {
-        let (mut solved, mut iterations) = self.hold(command, barriers);
+    /// Solves from where a solve starts, friction and commanded lengths in it. Whether that is solved, and the number of steps.
+    fn rest(&mut self, command: &Command, start: Start) -> (bool, usize) {
+        let (mut solved, mut iterations) = self.hold(command, start);
         for lag in 0.. {
             if !solved || start != Start::Before || !self.equations.rubs() {
                 break;
             }
             // Until friction is bounded by the normal forces that it leads to.
             self.equations.press_bristles();
-            let (still, steps) = self.hold(command, [barriers[1]; 2]);
+            let (still, steps) = self.hold(command, Start::Before);
             iterations += steps;
             solved = still && lag < MAX_LAGS;
             if steps == 0 {
@@ -316,8 +309,11 @@ impl ContactSettler {
     }
 
     /// The same with the friction that there is.
-    fn hold(&mut self, command: &Command, [first, last]: [f64; 2]) -> (bool, usize) {
-        let (solved, iterations) = self.lower_barrier(first, last);
+    fn hold(&mut self, command: &Command, start: Start) -> (bool, usize) {
+        let (solved, iterations) = match start {
+            Start::Straight => self.harden(),
+            Start::Near | Start::Before => self.descend_near(),
+        };
         let holds = (self.equations.robot.tendons().iter()).any(Tendon::holds_length);
         if !solved || !holds {
             return (solved, iterations);
@@ -326,28 +322,80 @@ impl ContactSettler {
         (solved, iterations + steps)
     }
 
-    /// Solves under barriers (J) from the first to the last. Whether the last is solved, and the number of steps.
-    fn lower_barrier(&mut self, first: f64, last: f64) -> (bool, usize) {
-        let (mut barrier, mut iterations) = (first, 0);
-        while barrier > last * (1.0 + 1e-9) {
-            let loose = self.tolerance.max(LOOSE * barrier);
-            iterations += self.descend(barrier, loose).1;
-            // Nothing near: the barrier changes nothing.
+    /// The barrier of the solution (J).
+    fn last_barrier(&self) -> f64 {
+        LAST_BARRIER * self.tolerance
+    }
+
+    /// Solves against soft contacts, and against harder ones from there. Whether it is solved, and the number of steps.
+    fn harden(&mut self) -> (bool, usize) {
+        let equations = &self.equations;
+        let (size, scale) = (equations.reach, equations.own_tolerance);
+        let last = self.last_barrier();
+        let hardest = equations.hardest();
+        let softness = (SOFT * size * size / scale).max(hardest);
+        let barrier = ((ROUND * size).powi(2) / softness).max(last);
+        let mut iterations = 0;
+        for stage in 0..STAGES {
+            let along = f64::from(stage) / f64::from(STAGES);
+            let hardness = Hardness {
+                barrier: between(barrier, last, along),
+                softness: between(softness, hardest, along),
+            };
+            if stage > 0 {
+                iterations += usize::from(self.equations.predict(hardness));
+            }
+            let loose = LOOSE * self.tolerance * hardness.softness / softness;
+            let (_, steps) = self.descend(hardness, loose.max(self.tolerance));
+            iterations += steps;
+            // Nothing near: how hard contacts are changes nothing.
             if self.equations.is_alone() {
                 break;
             }
-            // The nearer to the solution, the less a step changes it (Nocedal and Wright, ch. 19.3).
-            barrier *= NEXT.min(barrier / (FIRST_BARRIER * self.tolerance));
         }
-        let (solved, steps) = self.descend(last, self.tolerance);
+        if !self.equations.is_alone() {
+            iterations += usize::from(self.equations.predict(Hardness::of_barrier(last)));
+        }
+        let (solved, steps) = self.descend(Hardness::of_barrier(last), self.tolerance);
+        self.refine(solved, iterations + steps)
+    }
+
+    /// Solves from near the solution: at once, or where that fails under barriers that fall to the last, each solve starting from the one
+    /// before (Nocedal and Wright, Numerical Optimization, ch. 19.1). Whether it is solved, and the number of steps.
+    fn descend_near(&mut self) -> (bool, usize) {
+        let last = self.last_barrier();
+        let start = self.equations.iterate.configuration.clone();
+        let (solved, mut iterations) = self.descend(Hardness::of_barrier(last), self.tolerance);
+        if solved {
+            return self.refine(solved, iterations);
+        }
+        self.equations.iterate.set(&start);
+        let mut barrier = NEAR_BARRIER * self.tolerance;
+        while barrier > last * (1.0 + 1e-9) {
+            let loose = self.tolerance.max(LOOSE_BARRIER * barrier);
+            iterations += self.descend(Hardness::of_barrier(barrier), loose).1;
+            barrier = last.max(NEXT * barrier);
+        }
+        let (solved, steps) = self.descend(Hardness::of_barrier(last), self.tolerance);
         (solved, iterations + steps)
     }
 
-    /// Minimises the energy under a barrier (J) until the residual is within a tolerance (N m). Whether that was reached, and the
+    /// One step more where a solve among contacts has taken any: the residual that counts as solved leaves more error along the soft
+    /// directions than differences of equilibria near each other can bear. Whether that is solved, and the number of all steps.
+    fn refine(&mut self, solved: bool, iterations: usize) -> (bool, usize) {
+        let hardness = self.equations.hardness;
+        let is_done = !solved || iterations == 0 || self.equations.is_alone();
+        if is_done || !self.equations.predict(hardness) {
+            return (solved, iterations);
+        }
+        let (solved, steps) = self.descend(hardness, self.tolerance);
+        (solved, iterations + 1 + steps)
+    }
+
+    /// Minimises the energy with contacts of a hardness until the residual is within a tolerance (N m). Whether that was reached, and the
     /// number of steps.
-    fn descend(&mut self, barrier: f64, tolerance: f64) -> (bool, usize) {
-        (self.equations.barrier, self.equations.tolerance) = (barrier, tolerance);
-        self.equations.is_found = false;
+    fn descend(&mut self, hardness: Hardness, tolerance: f64) -> (bool, usize) {
+        self.equations.set_hardness(hardness, tolerance);
         let robot = self.equations.robot.clone();
         let potential = Potential {
             robot: &robot,
@@ -371,7 +419,7 @@ impl ContactSettler {
                 return (true, iterations);
             };
             (self.equations).correct_rest_lengths(&errors, &mut self.command);
-            let (solved, steps) = self.descend(self.equations.barrier, self.tolerance);
+            let (solved, steps) = self.descend(self.equations.hardness, self.tolerance);
             iterations += steps;
             if !solved {
                 break;
@@ -379,106 +427,9 @@ impl ContactSettler {
         }
         (false, iterations)
     }
-
-    fn report(&mut self, stability: Option<Stability>, iterations: usize) -> &ContactEquilibrium {
-        // The last step of a solve that failed was taken back.
-        self.equations.press();
-        let equations = &self.equations;
-        let out = &mut self.result.equilibrium;
-        out.take_over(&equations.iterate.configuration, &equations.iterate.posture);
-        (out.tendon_tensions).copy_from_slice(&equations.expansion.tensions);
-        out.residual = equations.expansion.residual();
-        out.iterations = iterations;
-        out.stability = stability.filter(|_| out.is_finite());
-        out.examined = out.stability.map(|_| Examined::Energy);
-        out.converged = matches!(out.stability, Some(Stability::Stable | Stability::Neutral));
-        self.result.barrier = equations.barrier;
-        self.report_contacts();
-        &self.result
-    }
-
-    fn report_contacts(&mut self) {
-        let (equations, out) = (&self.equations, &mut self.result);
-        let touching = TOUCHING * equations.robot.reach();
-        out.contacts.clear();
-        (out.complementarity, out.penetration) = (0.0, 0.0);
-        let chain = &equations.iterate.posture.chain;
-        let mut bristles: Vec<_> = equations.bristles.iter().collect();
-        for near in &equations.neighbourhood.near {
-            let law = equations.law(near);
-            let response = law.at(near.gap);
-            let centre = chain.centres[near.bead.disc] + near.arm;
-            let normal = near.normal.try_normalize(0.0).unwrap_or(near.normal);
-            let contact = Contact {
-                disc: near.bead.disc,
-                partner: Partner::Obstacle(near.obstacle),
-                point: centre - normal * (near.gap + near.bead.radius),
-                normal,
-                gap: near.gap,
-                force: near.normal * response.force,
-                activity: Activity::Weak,
-                sliding: Sliding::Free,
-            };
-            // That of the first of the faces that a bead touches.
-            let own = |bristle: &&Bristle| bristle.is_of(&near.bead, near.obstacle);
-            let bristle = bristles.iter().position(own);
-            let contact = match bristle.map(|own| bristles.swap_remove(own)) {
-                Some(bristle) => contact.rubbed(bristle, &centre),
-                None => contact,
-            };
-            out.add(contact, &law, &response, touching);
-        }
-        let law = equations.own_law();
-        for near in equations.near_pairs() {
-            let response = law.at(near.gap);
-            let [bead, other] = near.beads;
-            let contact = Contact {
-                disc: bead.disc,
-                partner: Partner::Disc(other.disc),
-                point: near.centres[1] + near.normal * other.radius,
-                normal: near.normal,
-                gap: near.gap,
-                force: near.normal * response.force,
-                activity: Activity::Weak,
-                sliding: Sliding::Free,
-            };
-            out.add(contact, &law, &response, touching);
-        }
-    }
 }
 
-impl Contact {
-    /// With the force of its bristle, where the bead's centre is at a position.
-    fn rubbed(self, bristle: &Bristle, position: &Vector3<f64>) -> Self {
-        Self {
-            force: self.force + bristle.response(position).0,
-            sliding: match bristle.slips(position) {
-                true => Sliding::Slips,
-                false => Sliding::Sticks,
-            },
-            ..self
-        }
-    }
-}
-
-impl ContactEquilibrium {
-    /// Takes a contact into account, and into the list if its surfaces are within `touching` (m) of each other.
-    fn add(&mut self, contact: Contact, law: &Law, response: &Response, touching: f64) {
-        let pressed_in = law.compliance * response.force;
-        let apart = law.barrier / response.force;
-        let product = response.force * (contact.gap + pressed_in);
-        self.complementarity = self.complementarity.max(product.abs());
-        self.penetration = self.penetration.max(-contact.gap);
-        if apart > touching {
-            return;
-        }
-        let activity = match pressed_in > STRICT * apart {
-            true => Activity::Strict,
-            false => Activity::Weak,
-        };
-        self.contacts.push(Contact {
-            activity,
-            ..contact
-        });
-    }
+/// Between two numbers, by their logarithms.
+fn between(first: f64, last: f64, along: f64) -> f64 {
+    first * (last / first).powf(along)
 }

@@ -24,6 +24,7 @@ mod krylov;
 mod loaded;
 mod paired;
 mod softest;
+mod symmetric;
 mod unsymmetric;
 
 pub(crate) use contact::{ContactLu, Inflow};

@@ -14,7 +14,8 @@ use nalgebra::Vector3;
 
 use super::Curvature;
 use super::krylov::dot;
-use super::unsymmetric::{ChainLu, ChainMatrix, Side};
+use super::symmetric::ChainLdl;
+use super::unsymmetric::ChainMatrix;
 use crate::energy::{Expansion, Pair};
 
 /// A stiffness (N/m) below this share of the Hessian's size, with the chain's length as lever, changes nothing that is not rounding
@@ -24,7 +25,7 @@ const NEGLIGIBLE: f64 = 1e-10;
 /// Factors of a symmetric matrix.
 #[derive(Clone, Debug)]
 pub(crate) struct PairedLu {
-    chain: ChainLu,
+    chain: ChainLdl,
     columns: Vec<Vec<Vector3<f64>>>,
     /// `A⁻¹ B`.
     responses: Vec<Vec<Vector3<f64>>>,
@@ -36,7 +37,7 @@ impl PairedLu {
     /// Storage for factors of matrices with Hessians like that of `expansion`.
     pub fn new(expansion: &Expansion) -> Self {
         Self {
-            chain: ChainLu::new(expansion),
+            chain: ChainLdl::new(expansion),
             columns: Vec::new(),
             responses: Vec::new(),
             middle: None,
@@ -64,7 +65,7 @@ impl PairedLu {
         let none = vec![Vector3::zeros(); matrix.centres.len()];
         for column in &self.columns {
             let mut response = none.clone();
-            (self.chain).solve(column, &none, Side::Matrix, &mut response);
+            (self.chain).solve(column, &none, &mut response);
             self.responses.push(response);
         }
         let (count, columns, responses) = (stiffnesses.len(), &self.columns, &self.responses);
@@ -91,7 +92,7 @@ impl PairedLu {
         disc: &[Vector3<f64>],
         solution: &mut [Vector3<f64>],
     ) {
-        self.chain.solve(joint, disc, Side::Matrix, solution);
+        self.chain.solve(joint, disc, solution);
         let Some(middle) = &self.middle else {
             return;
         };

@@ -48,7 +48,6 @@ pub(crate) struct ChainLu {
     /// How the equations of those depend on the joint's turn.
     cols: Vec<Matrix6x3<f64>>,
     col_sums: Vec<Vector3<f64>>,
-    negative: usize,
 }
 
 macro_rules! with_slots {
@@ -76,7 +75,6 @@ impl ChainLu {
             row_sums: sums.clone(),
             cols: vec![Matrix6x3::zeros(); n],
             col_sums: sums,
-            negative: 0,
             columns,
         }
     }
@@ -92,22 +90,10 @@ impl ChainLu {
         with_slots!(self.eliminate(matrix))
     }
 
-    /// Length of the chain of joints (m).
-    pub fn reach(&self) -> f64 {
-        self.arms.iter().map(Vector3::norm).sum()
-    }
-
-    /// How many eigenvalues of the matrix are negative, where it is symmetric: as many as of the pivots (Sylvester's law of
-    /// inertia).
-    pub fn negative_eigenvalues(&self) -> usize {
-        self.negative
-    }
-
     fn eliminate<const A: usize>(&mut self, matrix: &ChainMatrix) -> Option<Curvature> {
         let slots = self.columns.slots;
         let (expansion, scale) = (matrix.expansion, matrix.scale);
         let mut curvature = Curvature::Positive;
-        self.negative = 0;
         // The form of what lies above: by motion and motion, motion and sum, sum and motion, sum and sum.
         let mut bodies = Matrix6::zeros();
         let (mut moment, mut above) = (Vector3::zeros(), Vector3::zeros());
@@ -159,7 +145,6 @@ impl ChainLu {
             let inverse = hinges.map_or(inverse, |hinges| hinges.release(&inverse));
             if !is_positive(&pivot) {
                 curvature = Curvature::Modified;
-                self.negative += negative_eigenvalues(&pivot);
             }
             let twisted = noncommuting(&moment);
             let mut turns = col.fixed_rows_mut::<3>(0);
@@ -277,26 +262,10 @@ impl ChainLu {
 }
 
 /// Whether the symmetric part is positive definite (Sylvester's criterion).
-fn is_positive(m: &Matrix3<f64>) -> bool {
+pub(super) fn is_positive(m: &Matrix3<f64>) -> bool {
     let symmetric = (m + m.transpose()) * 0.5;
     let minor = symmetric.fixed_view::<2, 2>(0, 0).determinant();
     symmetric[(0, 0)] > 0.0 && minor > 0.0 && symmetric.determinant() > 0.0
-}
-
-/// How many eigenvalues of a symmetric matrix are negative, by its leading minors (Jacobi's signature rule).
-fn negative_eigenvalues(m: &Matrix3<f64>) -> usize {
-    let minors = [
-        m[(0, 0)],
-        m.fixed_view::<2, 2>(0, 0).determinant(),
-        m.determinant(),
-    ];
-    let mut above = true;
-    let changes = minors.iter().filter(|&&minor| {
-        let changed = (minor > 0.0) != above;
-        above = minor > 0.0;
-        changed
-    });
-    changes.count()
 }
 
 /// `X' m X` with the motion `X z` of a point at `arm` from that of `z`: the same turn, displaced by `turn x arm` more.

@@ -29,6 +29,16 @@ impl Default for ContactLaw {
     }
 }
 
+impl ContactLaw {
+    /// Time ahead of touching in which a contact pushes already (s).
+    pub(super) fn relaxation(&self) -> f64 {
+        match self {
+            Self::Compliant { relaxation } => *relaxation,
+            Self::Impedance(_) => 0.0,
+        }
+    }
+}
+
 /// Parameters of MuJoCo's contacts (its documentation, Modeling: Solver parameters). The default is MuJoCo's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impedance {

@@ -23,6 +23,8 @@ use crate::geometry::Beads;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
 
+/// Gap within which contacts count in any step, as a share of that at rest.
+const LEAST: f64 = 0.02;
 /// How often a step is solved again with contacts farther away among its own, where it moved a disc so far.
 const MAX_REACHES: usize = 6;
 
@@ -55,7 +57,7 @@ pub struct ContactStepper {
     scene: Scene,
     beads: Beads,
     law: ContactLaw,
-    /// Gap within which contacts count (m).
+    /// Gap within which contacts count at rest (m).
     reach: f64,
     /// Of each disc, inverse inertance of its centre of mass in the straight pose (1/kg).
     mobilities: Vec<f64>,
@@ -219,13 +221,15 @@ impl ContactStepper {
 
     /// Finds the contacts of the step that was begun, and what they change the rates by.
     fn touch(&mut self, loads: &Loads) {
-        let h = self.stepper.timestep();
+        // A damper pushes a bead that would touch within its relaxation time.
+        let window = self.stepper.timestep() + self.law.relaxation();
         self.centres.clear();
         let chain = &self.stepper.posture().chain;
         self.centres.extend_from_slice(&chain.centres);
         self.starts.set(&self.centres, &self.rates);
         self.motions.set(&self.centres, &self.free);
-        let mut reach = self.reach.max(self.farthest() * h);
+        // What no disc reaches in the step does nothing in it.
+        let mut reach = (2.0 * self.farthest() * window).max(LEAST * self.reach);
         for _ in 0..MAX_REACHES {
             let chain = &self.stepper.posture().chain;
             let (beads, scene) = (&self.beads, &self.scene);
@@ -241,7 +245,7 @@ impl ContactStepper {
             let rates = self.rates.iter_mut().zip(&self.free).zip(&self.change);
             rates.for_each(|((rate, free), change)| *rate = free + change);
             self.motions.set(&self.centres, &self.rates);
-            let farthest = self.farthest() * h;
+            let farthest = self.farthest() * window;
             if farthest <= reach || !farthest.is_finite() {
                 return;
             }

@@ -104,6 +104,11 @@ impl Shape {
         }
     }
 
+    /// Whether the distance is known to be a convex function of the point: that of all shapes but meshes.
+    pub(crate) fn is_convex(&self) -> bool {
+        !matches!(self.0, Kind::Mesh(_))
+    }
+
     /// Whether a point in the shape's frame (m) is inside. A mesh has an inside if its triangles are oriented alike and leave no
     /// edge open; where parts overlap, what is inside any of them is inside.
     pub(crate) fn contains(&self, point: &Vector3<f64>) -> bool {
