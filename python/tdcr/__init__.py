@@ -32,6 +32,7 @@ from tdcr.inverse import calibrate
 from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
+from tdcr.planning import Plan, plan
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
 from tdcr.recordings import RecordingCalibration, calibrate_recording
 from tdcr.rig import Rig
@@ -65,6 +66,7 @@ __all__ = [
     "Obstacle",
     "Parameter",
     "Parameters",
+    "Plan",
     "Prediction",
     "Predictor",
     "RecordingCalibration",
@@ -110,6 +112,7 @@ __all__ = [
     "metrics",
     "obstacle_jacobian",
     "parameters",
+    "plan",
     "render",
     "rollout",
     "rollout_jvp",

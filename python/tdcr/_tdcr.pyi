@@ -318,6 +318,21 @@ class ShapeController:
 class ShapePath:
     def follow(self, targets: list[_Target]) -> tuple[_Solution, str, _Floats, float, float]: ...
 
+def plan(
+    robot: Robot,
+    scene: Scene,
+    loads: Loads,
+    start: _Floats,
+    to: _Floats | None,
+    to_insertion: float,
+    tip: list[float] | None,
+    clearance: float,
+    tension: tuple[float, float],
+    insertion: list[float] | None,
+    seed: int,
+    nodes: int,
+    seconds: float,
+) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, int, int, float]: ...
 @final
 class Calibration:
     @property

@@ -29,6 +29,7 @@ mod log;
 mod manual;
 mod output;
 mod picture;
+mod plan;
 mod predict;
 mod pretension;
 mod printable;
@@ -99,6 +100,7 @@ struct Global {
 enum Command {
     Settle(settle::SettleArgs),
     Reach(reach::ReachArgs),
+    Plan(plan::PlanArgs),
     Simulate(simulate::SimulateArgs),
     Study(study::StudyArgs),
     Collect(collect::CollectArgs),
@@ -276,6 +278,7 @@ fn execute(cli: &Cli, arguments: &[OsString]) -> anyhow::Result<()> {
     match &cli.command {
         Command::Settle(args) => settle::run(args, &console),
         Command::Reach(args) => reach::run(args, &console),
+        Command::Plan(args) => plan::run(args, &console),
         Command::Simulate(args) => simulate::run(args, &console),
         Command::Study(args) => study::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),

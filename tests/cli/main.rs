@@ -26,6 +26,7 @@ mod others;
 mod output;
 mod parts;
 mod picture;
+mod plan;
 mod predict;
 mod python_options;
 mod reach;

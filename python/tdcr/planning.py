@@ -1,0 +1,116 @@
+"""Motions among obstacles: :func:`plan`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, as_count, as_float, as_number
+from tdcr._results import Result
+from tdcr.errors import InputError
+from tdcr.loads import Loads, one_load
+from tdcr.robot import RobotLike, as_robot
+from tdcr.scene import Scene, as_scene, nothing
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Result):
+    """A motion, by steps to be gone in a straight line from one command to the next.
+
+    Attributes:
+        commands: Of each step, from the start to the goal, shape (steps, tendons) (m or N).
+        insertions: How far the base is moved along its axis, shape (steps,) (m); 0 of one that stands.
+        positions: Origins of the discs, world frame, shape (steps, discs, 3) (m).
+        clearances: Distance of the discs from the nearest obstacle at least, shape (steps,) (m); infinite without obstacles.
+        tensions: Of the tendons, shape (steps, tendons) (N).
+        nodes: Places that the search reached.
+        settled: Equilibria that were solved for.
+        seconds: Time that it took (s).
+    """
+
+    commands: Floats
+    insertions: Floats
+    positions: Floats
+    clearances: Floats
+    tensions: Floats
+    nodes: int
+    settled: int
+    seconds: float
+
+    @property
+    def tips(self) -> Floats:
+        """Origins of the tip disc, world frame, shape (steps, 3) (m)."""
+        tips: Floats = self.positions[:, -1]
+        return tips
+
+
+def plan(
+    robot: RobotLike,
+    scene: Scene | None = None,
+    *,
+    from_: Any,
+    to: Any = None,
+    tip: Any = None,
+    payload: Any = None,
+    loads: Loads | None = None,
+    clearance: float = 0.002,
+    min_tension: float | None = None,
+    max_tension: float | None = None,
+    insertion: Any = None,
+    to_insertion: float = 0.0,
+    seed: int = 0,
+    nodes: int = 100_000,
+    seconds: float = 10.0,
+) -> Plan:
+    """Finds a motion from one command to another, or to a place of the tip, clear of obstacles and without jumps.
+
+    All along it the robot is in equilibria of one branch. Its discs keep a clearance from obstacles, between the steps, too, and do not
+    touch each other. Start and goal are equilibria that the robot settles in from the straight pose.
+
+    Args:
+        robot: The robot, or what :class:`tdcr.Robot` makes one of.
+        scene: The obstacles around it.
+        from_: Command to start from, shape (tendons,) (m or N).
+        to: Command to end at, shape (tendons,) (m or N).
+        tip: In its place: where the tip disc's origin is to end, shape (3,) (m), under any command.
+        payload: Mass hung from the last disc (kg).
+        loads: Other loads, in place of the payload.
+        clearance: Least distance of the discs from obstacles (m).
+        min_tension, max_tension: Least and largest tension of a tendon (N); None for no limit.
+        insertion: Least and largest distance of the base, along its axis, from where the robot has it (m), shape (2,), for a base that moves,
+            too. A plan starts at 0.
+        to_insertion: Where the base is to end (m), with ``to``.
+        seed: Of the search. For one seed the plan is the same, unless time ends the search.
+        nodes: Places that the search reaches at most.
+        seconds: Time that the search takes at most (s).
+
+    Raises:
+        PlanError: Where no motion is found, with the reason; or the robot may not be at the start or at the goal.
+        InputError: For values that make no sense.
+    """
+    robot = as_robot(robot)
+    if (to is None) == (tip is None):
+        raise InputError(f"{'neither' if to is None else 'both'} of `to` and `tip` given; expected exactly one of them")
+    shape = (robot.tendons,)
+    return Plan(
+        *_tdcr.plan(
+            robot._native,
+            (nothing() if scene is None else as_scene(scene))._native,
+            one_load(loads, payload)._native,
+            as_float(from_, "from_", shape),
+            None if to is None else as_float(to, "to", shape),
+            as_number(to_insertion, "to_insertion"),
+            None if tip is None else as_float(tip, "tip", (3,)).tolist(),
+            as_number(clearance, "clearance"),
+            (
+                -math.inf if min_tension is None else as_number(min_tension, "min_tension"),
+                math.inf if max_tension is None else as_number(max_tension, "max_tension"),
+            ),
+            None if insertion is None else as_float(insertion, "insertion", (2,)).tolist(),
+            as_count(seed, "seed"),
+            as_count(nodes, "nodes", 1),
+            as_number(seconds, "seconds"),
+        )
+    )
