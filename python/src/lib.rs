@@ -109,7 +109,7 @@ mod _tdcr {
     #[pymodule_export]
     use crate::pages::{data_info, demo, draw_data};
     #[pymodule_export]
-    use crate::plan::plan;
+    use crate::plan::{follow_the_leader, plan};
     #[pymodule_export]
     use crate::predictor::Predictor;
     #[pymodule_export]

@@ -1,14 +1,19 @@
 //! Motions among obstacles, planned.
 
 use nalgebra::Vector3;
-use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
+use tdcr::control::plan::follow_the_leader::{
+    BaseMotion, DeploymentError, DeploymentStage, deploy,
+};
 use tdcr::control::plan::{
     Goal, Insertion, MotionPlan, MotionPlanner, PlanError, PlanSettings, Stance,
 };
 
-use crate::arrays::{array, contiguous, write_points};
-use crate::errors::{Failure, Outcome};
+use crate::arrays::{array, contiguous, write_points, write_quaternions};
+use crate::errors::{Failure, Outcome, choice};
 use crate::loads::Loads;
 use crate::robot::Robot;
 use crate::run;
@@ -99,6 +104,75 @@ fn arrays<'py>(
         plan.effort.settled,
         plan.effort.seconds,
     ))
+}
+
+/// A deployment: arc lengths (m), commands, poses of the base (m; w, x, y, z), places of the discs (m), deviations (m), errors of the tip (m).
+type Deployed<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray3<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+);
+
+/// Deploys a robot along a curve through points, shape (points, 3) (m).
+#[pyfunction]
+pub fn follow_the_leader<'py>(
+    py: Python<'py>,
+    robot: PyRef<'_, Robot>,
+    loads: PyRef<'_, Loads>,
+    curve: PyReadonlyArray2<'_, f64>,
+    base: &str,
+    stages: usize,
+) -> Outcome<Deployed<'py>> {
+    let motion = choice(
+        "base",
+        base,
+        &[
+            ("free", BaseMotion::Free),
+            ("carriage", BaseMotion::Carriage),
+        ],
+    )?;
+    let (robot, loads) = (&robot.0, &loads.0);
+    let shape = [curve.shape()[0], 3];
+    let points = contiguous(&curve, "curve", &shape)?.as_chunks::<3>().0;
+    let points: Vec<Vector3<f64>> = points.iter().map(|point| Vector3::from(*point)).collect();
+    let found = run::long(py, None, |_| deploy(robot, loads, &points, motion, stages))??;
+    let stages = &found.stages;
+    let (count, discs, tendons) = (stages.len(), robot.discs().len(), robot.tendons().len());
+    let numbers = |of: fn(&DeploymentStage) -> f64| PyArray1::from_iter(py, stages.iter().map(of));
+    let commands = stages.iter().flat_map(|stage| stage.command.as_slice());
+    let base = stages
+        .iter()
+        .flat_map(|stage| stage.base.translation.vector.data.0[0]);
+    let turns: Vec<_> = stages.iter().map(|stage| stage.base.rotation).collect();
+    let mut orientations = vec![0.0; 4 * count];
+    write_quaternions(&turns, &mut orientations);
+    let mut positions = vec![0.0; count * discs * 3];
+    for (stage, out) in stages.iter().zip(positions.chunks_exact_mut(3 * discs)) {
+        write_points(&stage.positions, out);
+    }
+    Ok((
+        numbers(|stage| stage.arc_length),
+        array(py, commands.copied().collect(), [count, tendons])?,
+        array(py, base.collect(), [count, 3])?,
+        array(py, orientations, [count, 4])?,
+        array(py, positions, [count, discs, 3])?,
+        numbers(|stage| stage.deviation),
+        numbers(|stage| stage.tip_error),
+    ))
+}
+
+impl From<DeploymentError> for Failure {
+    fn from(error: DeploymentError) -> Self {
+        match error {
+            DeploymentError::Loads(error) => error.into(),
+            DeploymentError::Unsettled { .. } => Self::Of("PlanError", error.to_string()),
+            other => Self::input(other.to_string()),
+        }
+    }
 }
 
 impl From<PlanError> for Failure {

@@ -32,7 +32,7 @@ from tdcr.inverse import calibrate
 from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
-from tdcr.planning import Plan, plan
+from tdcr.planning import Deployment, Plan, follow_the_leader, plan
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
 from tdcr.recordings import RecordingCalibration, calibrate_recording
 from tdcr.rig import Rig
@@ -53,6 +53,7 @@ __all__ = [
     "Cloud",
     "Contacts",
     "Dataset",
+    "Deployment",
     "Equilibria",
     "Equilibrium",
     "ExtrapolationWarning",
@@ -102,6 +103,7 @@ __all__ = [
     "evaluate",
     "export_clouds",
     "follow",
+    "follow_the_leader",
     "import_clouds",
     "inverse",
     "jacobian",

@@ -333,6 +333,9 @@ def plan(
     nodes: int,
     seconds: float,
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, int, int, float]: ...
+def follow_the_leader(
+    robot: Robot, loads: Loads, curve: _Floats, base: str, stages: int
+) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
 @final
 class Calibration:
     @property

@@ -1,4 +1,4 @@
-"""Motions among obstacles: :func:`plan`."""
+"""Motions among obstacles (:func:`plan`), and along curves (:func:`follow_the_leader`)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_count, as_float, as_number
+from tdcr._arrays import Floats, as_choice, as_count, as_float, as_number
 from tdcr._results import Result
 from tdcr.errors import InputError
 from tdcr.loads import Loads, one_load
@@ -112,5 +112,58 @@ def plan(
             as_count(seed, "seed"),
             as_count(nodes, "nodes", 1),
             as_number(seconds, "seconds"),
+        )
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Deployment(Result):
+    """A deployment along a curve, by stages from the tip at the curve's start to the tip at its end.
+
+    Attributes:
+        arc_lengths: Of the curve at the tip, shape (stages,) (m).
+        commands: Shape (stages, tendons) (m or N).
+        base_positions: Of the base, world frame, shape (stages, 3) (m).
+        base_orientations: Of the base, shape (stages, 4) (w, x, y, z).
+        positions: Origins of the discs, world frame, shape (stages, discs, 3) (m).
+        deviations: Mean distance from the curve up to the tip's place, of what is as far from the tip at most, shape (stages,) (m).
+        tip_errors: Distance of the tip from its place, shape (stages,) (m).
+    """
+
+    arc_lengths: Floats
+    commands: Floats
+    base_positions: Floats
+    base_orientations: Floats
+    positions: Floats
+    deviations: Floats
+    tip_errors: Floats
+
+
+def follow_the_leader(
+    robot: RobotLike, curve: Any, *, base: str = "free", stages: int = 40, payload: Any = None, loads: Loads | None = None
+) -> Deployment:
+    """Deploys a robot along a curve so that its body stays where its tip has gone; the base moves, too.
+
+    Args:
+        robot: The robot, or what :class:`tdcr.Robot` makes one of. Where its base is does not matter.
+        curve: Points of the curve from its start on, world frame, shape (points, 3) (m). It is no longer than the robot.
+        base: ``"free"``, as a manipulator carries it: the tip is then exactly on the curve; or ``"carriage"``, along the direction in
+            which the curve begins.
+        stages: Of equal length.
+        payload: Mass hung from the last disc (kg).
+        loads: Other loads, in place of the payload.
+
+    Raises:
+        InputError: For a curve that is none, or longer than the robot.
+        PlanError: Where the robot does not settle on the way.
+    """
+    robot = as_robot(robot)
+    return Deployment(
+        *_tdcr.follow_the_leader(
+            robot._native,
+            one_load(loads, payload)._native,
+            as_float(curve, "curve", ("points", 3)),
+            as_choice(base, "base", ("free", "carriage")),
+            as_count(stages, "stages", 2),
         )
     )

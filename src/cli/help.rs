@@ -11,7 +11,7 @@ const STORIES: [(&str, &[&str]); 6] = [
     (
         "Robots in simulation",
         &[
-            "settle", "reach", "plan", "simulate", "study", "render", "export",
+            "settle", "reach", "plan", "deploy", "simulate", "study", "render", "export",
         ],
     ),
     (

@@ -12,6 +12,7 @@ mod completions;
 mod console;
 mod data;
 mod demo;
+mod deploy;
 mod distill;
 mod eval;
 mod export;
@@ -101,6 +102,7 @@ enum Command {
     Settle(settle::SettleArgs),
     Reach(reach::ReachArgs),
     Plan(plan::PlanArgs),
+    Deploy(deploy::DeployArgs),
     Simulate(simulate::SimulateArgs),
     Study(study::StudyArgs),
     Collect(collect::CollectArgs),
@@ -279,6 +281,7 @@ fn execute(cli: &Cli, arguments: &[OsString]) -> anyhow::Result<()> {
         Command::Settle(args) => settle::run(args, &console),
         Command::Reach(args) => reach::run(args, &console),
         Command::Plan(args) => plan::run(args, &console),
+        Command::Deploy(args) => deploy::run(args, &console),
         Command::Simulate(args) => simulate::run(args, &console),
         Command::Study(args) => study::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),

@@ -13,6 +13,7 @@ mod colors;
 mod compare;
 mod contact;
 mod data;
+mod deploy;
 mod disks;
 mod distill;
 mod eval;

@@ -31,7 +31,10 @@ fn tip_of(command: &str) -> Vec<f64> {
 fn a_plan_leads_from_one_command_to_the_other_and_its_table_is_read_again() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path(), SCENE);
-    let (table, picture) = (folder.path().join("path.csv"), folder.path().join("path.svg"));
+    let (table, picture) = (
+        folder.path().join("path.csv"),
+        folder.path().join("path.svg"),
+    );
     let plan = ["plan", "--from", FROM, "--to", TO, "--scene", text(&scene)];
     let files = ["--out", text(&table), "--picture", text(&picture)];
     let planned = succeed_json(&[&plan[..], &files].concat());
@@ -54,7 +57,13 @@ fn a_plan_leads_from_one_command_to_the_other_and_its_table_is_read_again() {
     assert!(fs::read_to_string(&picture).unwrap().starts_with("<svg"));
     // What it has for tips is where the robot settles among the obstacles, without touching any.
     let settled = folder.path().join("settled.csv");
-    let settle = ["settle", "--commands", text(&table), "--scene", text(&scene)];
+    let settle = [
+        "settle",
+        "--commands",
+        text(&table),
+        "--scene",
+        text(&scene),
+    ];
     succeed(&[&settle[..], &["--out", text(&settled)]].concat());
     let settled = fs::read_to_string(&settled).unwrap();
     let names: Vec<&str> = settled.lines().next().unwrap().split(',').collect();
@@ -66,7 +75,10 @@ fn a_plan_leads_from_one_command_to_the_other_and_its_table_is_read_again() {
     let again = succeed_json(&plan);
     assert_eq!(again["steps"], planned["steps"]);
     let told = succeed(&plan);
-    assert!(told.contains("obstacles are") && told.contains(" --command "), "{told}");
+    assert!(
+        told.contains("obstacles are") && told.contains(" --command "),
+        "{told}"
+    );
 }
 
 #[test]
@@ -86,7 +98,15 @@ fn a_plan_ends_with_the_tip_at_a_point() {
 fn a_base_that_moves_is_inserted() {
     let folder = tempfile::tempdir().unwrap();
     let table = folder.path().join("path.csv");
-    let plan = ["plan", "--from", FROM, "--to", TO, "--insertion", "-0.01,0.05"];
+    let plan = [
+        "plan",
+        "--from",
+        FROM,
+        "--to",
+        TO,
+        "--insertion",
+        "-0.01,0.05",
+    ];
     let end = ["--to-insertion", "0.04", "--out", text(&table)];
     let planned = succeed_json(&[&plan[..], &end].concat());
     let steps = planned["steps"].as_array().unwrap();
@@ -116,9 +136,21 @@ fn what_cannot_be_planned_says_why() {
     let far = ["plan", "--from", FROM, "--tip", "1,0,0"];
     refuse(&far, 1, "no command was found that brings the tip to");
     let negative = [&plan[..], &["--clearance", "-1"]].concat();
-    refuse(&negative, 1, "clearance is -1 m; expected a length of 0 or above");
-    let beyond = [&plan[..], &["--insertion", "0,0.1", "--to-insertion", "0.2"]].concat();
+    refuse(
+        &negative,
+        1,
+        "clearance is -1 m; expected a length of 0 or above",
+    );
+    let beyond = [
+        &plan[..],
+        &["--insertion", "0,0.1", "--to-insertion", "0.2"],
+    ]
+    .concat();
     refuse(&beyond, 1, "0.2 m where the base moves from 0 to 0.1 m");
     refuse(&["plan", "--from", FROM], 2, "--to");
-    refuse(&["plan", "--from", "1,2", "--to", TO], 1, "the command has 2 entries");
+    refuse(
+        &["plan", "--from", "1,2", "--to", TO],
+        1,
+        "the command has 2 entries",
+    );
 }
