@@ -336,6 +336,7 @@ def plan(
 def follow_the_leader(
     robot: Robot, loads: Loads, curve: _Floats, base: str, stages: int
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
+
 @final
 class Calibration:
     @property

@@ -66,8 +66,8 @@ def plan(
 ) -> Plan:
     """Finds a motion from one command to another, or to a place of the tip, clear of obstacles and without jumps.
 
-    All along it the robot is in equilibria of one branch. Its discs keep a clearance from obstacles, between the steps, too, and do not
-    touch each other. Start and goal are equilibria that the robot settles in from the straight pose.
+    All along it the robot is in equilibria of one branch. Its discs keep a clearance from obstacles, between the steps, too, and
+    do not touch each other. Start and goal are equilibria that the robot settles in from the straight pose.
 
     Args:
         robot: The robot, or what :class:`tdcr.Robot` makes one of.
@@ -79,8 +79,8 @@ def plan(
         loads: Other loads, in place of the payload.
         clearance: Least distance of the discs from obstacles (m).
         min_tension, max_tension: Least and largest tension of a tendon (N); None for no limit.
-        insertion: Least and largest distance of the base, along its axis, from where the robot has it (m), shape (2,), for a base that moves,
-            too. A plan starts at 0.
+        insertion: Least and largest distance of the base, along its axis, from where the robot has it (m), shape (2,), for a base
+            that moves, too. A plan starts at 0.
         to_insertion: Where the base is to end (m), with ``to``.
         seed: Of the search. For one seed the plan is the same, unless time ends the search.
         nodes: Places that the search reaches at most.
@@ -126,7 +126,8 @@ class Deployment(Result):
         base_positions: Of the base, world frame, shape (stages, 3) (m).
         base_orientations: Of the base, shape (stages, 4) (w, x, y, z).
         positions: Origins of the discs, world frame, shape (stages, discs, 3) (m).
-        deviations: Mean distance from the curve up to the tip's place, of what is as far from the tip at most, shape (stages,) (m).
+        deviations: Mean distance from the curve up to the tip's place, of what is as far from the tip at most, shape (stages,)
+            (m).
         tip_errors: Distance of the tip from its place, shape (stages,) (m).
     """
 
@@ -147,8 +148,8 @@ def follow_the_leader(
     Args:
         robot: The robot, or what :class:`tdcr.Robot` makes one of. Where its base is does not matter.
         curve: Points of the curve from its start on, world frame, shape (points, 3) (m). It is no longer than the robot.
-        base: ``"free"``, as a manipulator carries it: the tip is then exactly on the curve; or ``"carriage"``, along the direction in
-            which the curve begins.
+        base: ``"free"``, as a manipulator carries it: the tip is then exactly on the curve; or ``"carriage"``, along the
+            direction in which the curve begins.
         stages: Of equal length.
         payload: Mass hung from the last disc (kg).
         loads: Other loads, in place of the payload.

@@ -86,7 +86,8 @@ pub fn check(robot: &Robot, scene: &Scene, plan: &MotionPlan) -> Checked {
     found
 }
 
-fn farthest(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
+/// Largest distance of two discs (m).
+pub fn farthest(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
     a.iter()
         .zip(b)
         .map(|(a, b)| (a - b).norm())

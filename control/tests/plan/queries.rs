@@ -1,9 +1,10 @@
 //! How many random queries are solved, and whether the plans hold.
 
 use tdcr_control::plan::{Goal, MotionPlan, MotionPlanner, PlanError, PlanSettings};
+use tdcr_sim::contact::ContactSettler;
 use tdcr_sim::robot::{Loads, Robot};
 
-use crate::check::check;
+use crate::check::{check, farthest, gap};
 use crate::random::{CLEARANCE, Query, query};
 
 /// What ends a search.
@@ -75,9 +76,39 @@ fn assert_holds(robot: &Robot, query: &Query, plan: &MotionPlan, which: &str) {
     assert!(checked.clearance >= CLEARANCE, "{which}: {checked:?}");
     assert!(checked.steepest <= 10.0 * length, "{which}: {checked:?}");
     assert!(checked.off <= 1e-5, "{which}: {checked:?}");
+    for step in &plan.steps {
+        let (places, turns) = step.configuration.place(robot);
+        let away = gap(robot, &query.scene, &places, &turns);
+        assert!((away - step.clearance.unwrap()).abs() <= 1e-9, "{which}");
+    }
     let ends = [&plan.steps[0], &plan.steps[plan.steps.len() - 1]];
     let commands = ends.map(|step| &step.stance.command);
     assert_eq!(commands, [&query.from, &query.to], "{which}");
+}
+
+#[test]
+fn robots_that_may_touch_obstacles_and_themselves_settle_where_plans_have_them() {
+    for name in ["2m", "3m", "5m"] {
+        let robot = Robot::load(name).unwrap();
+        let query = query(&robot, 0);
+        let settings = PlanSettings::default();
+        let mut planner =
+            MotionPlanner::new(&robot, &query.scene, &Loads::default(), settings).unwrap();
+        let goal = Goal::Stance(query.to.clone().into());
+        let plan = planner.plan(&query.from.clone().into(), &goal).unwrap();
+        let mut settler = ContactSettler::new(&robot, &query.scene);
+        for step in &plan.steps {
+            let settled = settler
+                .follow(&step.stance.command, &Loads::default())
+                .unwrap();
+            assert!(
+                settled.equilibrium.converged && settled.contacts.is_empty(),
+                "{name}"
+            );
+            let off = farthest(&settled.equilibrium.positions, &step.positions);
+            assert!(off <= 1e-5, "{name}: {off} m off");
+        }
+    }
 }
 
 /// Time that this thread has had a processor for (s): other work on the machine does not count.

@@ -126,7 +126,15 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (
             tdcr.plan,
             {"robot": ROBOT, "scene": SCENE, "from_": COMMAND, "to": COMMAND, "payload": None, "loads": None, "clearance": 0.002}
-            | {"min_tension": None, "max_tension": None, "insertion": None, "to_insertion": 0.0, "seed": 0, "nodes": 10, "seconds": 0.1},
+            | {
+                "min_tension": None,
+                "max_tension": None,
+                "insertion": None,
+                "to_insertion": 0.0,
+                "seed": 0,
+                "nodes": 10,
+                "seconds": 0.1,
+            },
         ),
         (lambda tip: tdcr.plan(ROBOT, SCENE, from_=COMMAND, tip=tip, nodes=10, seconds=0.1), {"tip": SETTLED.tip}),
         (
