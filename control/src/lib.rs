@@ -9,10 +9,10 @@
 //! use tdcr_sim::scene::{Obstacle, Scene};
 //!
 //! let robot = Robot::load("2m")?;
-//! let post = Obstacle::cylinder("post", 0.01, 0.4)?.at([-0.06, 0.0, 0.25]);
-//! let scene = Scene::new(vec![post])?;
+//! let ball = Obstacle::sphere("ball", 0.02)?.at([-0.05, 0.09, 0.29]);
+//! let scene = Scene::new(vec![ball])?;
 //! let from = robot.command(&[0.034, 0.007, 0.001, 0.026, 0.015, 0.019])?;
-//! let to = robot.command(&[0.001, 0.034, 0.007, 0.015, 0.026, 0.019])?;
+//! let to = robot.command(&[0.007, 0.001, 0.034, 0.019, 0.015, 0.026])?;
 //!
 //! let settings = PlanSettings { clearance: 0.003, ..PlanSettings::default() };
 //! let mut planner = MotionPlanner::new(&robot, &scene, &Loads::default(), settings)?;

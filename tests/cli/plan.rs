@@ -7,11 +7,13 @@ use crate::{refuse, succeed, succeed_json, text};
 
 const FROM: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
 const TO: &str = "0.001,0.034,0.007,0.015,0.026,0.019";
+/// On the other side of the ball.
+const BEYOND: &str = "0.007,0.001,0.034,0.019,0.015,0.026";
 const SCENE: &str = "
     [[obstacle]]
-    name = 'post'
-    cylinder = { radius = 0.01, length = 0.4 }
-    position = [-0.06, 0.0, 0.25]
+    name = 'ball'
+    sphere = { radius = 0.02 }
+    position = [-0.05, 0.09, 0.29]
 ";
 
 fn scene(folder: &Path, scene: &str) -> PathBuf {
@@ -35,7 +37,15 @@ fn a_plan_leads_from_one_command_to_the_other_and_its_table_is_read_again() {
         folder.path().join("path.csv"),
         folder.path().join("path.svg"),
     );
-    let plan = ["plan", "--from", FROM, "--to", TO, "--scene", text(&scene)];
+    let plan = [
+        "plan",
+        "--from",
+        FROM,
+        "--to",
+        BEYOND,
+        "--scene",
+        text(&scene),
+    ];
     let files = ["--out", text(&table), "--picture", text(&picture)];
     let planned = succeed_json(&[&plan[..], &files].concat());
     let steps = planned["steps"].as_array().unwrap();
@@ -45,7 +55,7 @@ fn a_plan_leads_from_one_command_to_the_other_and_its_table_is_read_again() {
         command.join(",")
     };
     assert_eq!(numbers(&steps[0]), FROM);
-    assert_eq!(numbers(&steps[steps.len() - 1]), TO);
+    assert_eq!(numbers(&steps[steps.len() - 1]), BEYOND);
     for step in steps {
         assert!(step["clearance"].as_f64().unwrap() >= 0.002);
         assert!(step.get("insertion").is_none());
@@ -92,6 +102,24 @@ fn a_plan_ends_with_the_tip_at_a_point() {
         assert!((found.as_f64().unwrap() - wanted).abs() < 1e-5);
     }
     assert!(steps[0].get("clearance").is_none());
+}
+
+#[test]
+fn the_scene_of_the_guide_has_a_plan() {
+    let plan = [
+        "plan",
+        "--scene",
+        "examples/scenes/balls.toml",
+        "--from",
+        FROM,
+    ];
+    let planned = succeed_json(&[&plan[..], &["--tip", "0.06,0.06,0.30"]].concat());
+    let steps = planned["steps"].as_array().unwrap();
+    assert!(
+        steps
+            .iter()
+            .all(|step| step["clearance"].as_f64().unwrap() >= 0.002)
+    );
 }
 
 #[test]

@@ -9,8 +9,8 @@ import tdcr
 
 ROBOT = tdcr.Robot("2m")
 FROM = np.array([0.034, 0.007, 0.001, 0.026, 0.015, 0.019])
-TO = np.array([0.001, 0.034, 0.007, 0.015, 0.026, 0.019])
-SCENE = tdcr.Scene([tdcr.Obstacle.cylinder("post", 0.01, 0.4, position=(-0.06, 0.0, 0.25))])
+TO = np.array([0.007, 0.001, 0.034, 0.019, 0.015, 0.026])
+SCENE = tdcr.Scene([tdcr.Obstacle.sphere("ball", 0.02, position=(-0.05, 0.09, 0.29))])
 
 
 def test_a_plan_is_what_the_robot_settles_in_step_by_step() -> None:
