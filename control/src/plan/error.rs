@@ -37,8 +37,8 @@ pub enum PlanError {
     Goal(Refusal),
     /// No command brings the tip to its target where the robot may be.
     #[error(
-        "no command was found that brings the tip to {target:?} m: of {tried} searches {reached} came there, where {}",
-        last.as_ref().map_or_else(|| "the robot may not be".to_owned(), ToString::to_string)
+        "no command was found that brings the tip to {target:?} m: of {tried} searches {reached} came there{}",
+        last.as_ref().map_or_else(String::new, |refusal| format!(", where {refusal}"))
     )]
     NoGoal {
         /// Where the tip was to be (m).
