@@ -75,7 +75,7 @@ impl PlanSettings {
             let found = format!("{low} to {high} m");
             return refuse("insertion", found, "two lengths, the smaller first");
         }
-        if !(self.seconds > 0.0) {
+        if self.seconds.is_nan() || self.seconds <= 0.0 {
             return refuse("seconds", self.seconds.to_string(), "a time above 0");
         }
         Ok(())
