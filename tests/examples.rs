@@ -8,8 +8,14 @@ mod calibration;
 #[path = "../examples/contact_navigation.rs"]
 mod contact_navigation;
 #[allow(dead_code, reason = "its `main` is not called here")]
+#[path = "../examples/follow_the_leader.rs"]
+mod follow_the_leader;
+#[allow(dead_code, reason = "its `main` is not called here")]
 #[path = "../examples/friction_loop.rs"]
 mod friction_loop;
+#[allow(dead_code, reason = "its `main` is not called here")]
+#[path = "../examples/plan_in_clutter.rs"]
+mod plan_in_clutter;
 #[allow(dead_code, reason = "its `main` is not called here")]
 #[path = "../examples/rig.rs"]
 mod rig;
@@ -48,6 +54,24 @@ fn contact_navigation_draws_the_pipe_and_both_ways_in() {
     let svg = picture(contact_navigation::run);
     assert_stands_alone(&svg);
     for says in ["left alone", "steered", "force of the walls (N)"] {
+        assert!(svg.contains(says), "{says}");
+    }
+}
+
+#[test]
+fn plan_in_clutter_draws_the_balls_and_what_a_straight_line_would_hit() {
+    let svg = picture(plan_in_clutter::run);
+    assert_stands_alone(&svg);
+    for says in ["start", "goal", "straight", "distance (mm)"] {
+        assert!(svg.contains(says), "{says}");
+    }
+}
+
+#[test]
+fn follow_the_leader_draws_the_curve_and_both_bases() {
+    let svg = picture(follow_the_leader::run);
+    assert_stands_alone(&svg);
+    for says in ["base free", "on a carriage", "deviation (% of the length)"] {
         assert!(svg.contains(says), "{says}");
     }
 }

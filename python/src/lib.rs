@@ -19,6 +19,7 @@
 //! | `moving_robot` | one robot in motion, step by step |
 //! | `tendon_friction` | paths with friction in the holes |
 //! | `inverse` | commands for shapes, parameters from measurements |
+//! | `plan` | motions among obstacles |
 //! | `vision` | images and clouds |
 //! | `metrics` | distances between clouds by rows |
 //! | `data` | data sets: read, made, put together |
@@ -54,6 +55,7 @@ mod metrics;
 mod moving_robot;
 mod options;
 mod pages;
+mod plan;
 mod predictor;
 mod recordings;
 mod rig;
@@ -109,6 +111,8 @@ mod _tdcr {
     use crate::moving_robot::MovingRobot;
     #[pymodule_export]
     use crate::pages::{data_info, demo, draw_data};
+    #[pymodule_export]
+    use crate::plan::{follow_the_leader, plan};
     #[pymodule_export]
     use crate::predictor::Predictor;
     #[pymodule_export]

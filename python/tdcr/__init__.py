@@ -32,6 +32,7 @@ from tdcr.inverse import calibrate
 from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
+from tdcr.planning import Deployment, Plan, follow_the_leader, plan
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
 from tdcr.recordings import RecordingCalibration, calibrate_recording
 from tdcr.rig import Rig
@@ -53,6 +54,7 @@ __all__ = [
     "Cloud",
     "Contacts",
     "Dataset",
+    "Deployment",
     "Equilibria",
     "Equilibrium",
     "ExtrapolationWarning",
@@ -66,6 +68,7 @@ __all__ = [
     "Obstacle",
     "Parameter",
     "Parameters",
+    "Plan",
     "Prediction",
     "Predictor",
     "RecordingCalibration",
@@ -102,6 +105,7 @@ __all__ = [
     "evaluate",
     "export_clouds",
     "follow",
+    "follow_the_leader",
     "import_clouds",
     "inverse",
     "jacobian",
@@ -112,6 +116,7 @@ __all__ = [
     "metrics",
     "obstacle_jacobian",
     "parameters",
+    "plan",
     "render",
     "rollout",
     "rollout_jvp",

@@ -328,6 +328,25 @@ class ShapeController:
 class ShapePath:
     def follow(self, targets: list[_Target]) -> tuple[_Solution, str, _Floats, float, float]: ...
 
+def plan(
+    robot: Robot,
+    scene: Scene,
+    loads: Loads,
+    start: _Floats,
+    to: _Floats | None,
+    to_insertion: float,
+    tip: list[float] | None,
+    clearance: float,
+    tension: tuple[float, float],
+    insertion: list[float] | None,
+    seed: int,
+    nodes: int,
+    seconds: float,
+) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, int, int, float]: ...
+def follow_the_leader(
+    robot: Robot, loads: Loads, curve: _Floats, base: str, stages: int
+) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
+
 @final
 class Calibration:
     @property

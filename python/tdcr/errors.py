@@ -47,6 +47,10 @@ class NotSettledError(TdcrError, RuntimeError):
     """There is no equilibrium where one was sought."""
 
 
+class PlanError(TdcrError, RuntimeError):
+    """No motion was found from the start to the goal, or the robot may not be at one of them."""
+
+
 class SensitivityError(TdcrError, RuntimeError):
     """An equilibrium has no derivatives: the robot has not settled, or is on the brink of instability."""
 

@@ -10,7 +10,9 @@ use super::Cli;
 const STORIES: [(&str, &[&str]); 6] = [
     (
         "Robots in simulation",
-        &["settle", "reach", "simulate", "study", "render", "export"],
+        &[
+            "settle", "reach", "plan", "deploy", "simulate", "study", "render", "export",
+        ],
     ),
     (
         "Learning",

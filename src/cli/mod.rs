@@ -12,6 +12,7 @@ mod completions;
 mod console;
 mod data;
 mod demo;
+mod deploy;
 mod distill;
 mod eval;
 mod export;
@@ -29,6 +30,7 @@ mod log;
 mod manual;
 mod output;
 mod picture;
+mod plan;
 mod predict;
 mod pretension;
 mod printable;
@@ -100,6 +102,8 @@ struct Global {
 enum Command {
     Settle(settle::SettleArgs),
     Reach(reach::ReachArgs),
+    Plan(plan::PlanArgs),
+    Deploy(deploy::DeployArgs),
     Simulate(simulate::SimulateArgs),
     Study(study::StudyArgs),
     Collect(collect::CollectArgs),
@@ -278,6 +282,8 @@ fn execute(cli: &Cli, arguments: &[OsString]) -> anyhow::Result<()> {
     match &cli.command {
         Command::Settle(args) => settle::run(args, &console),
         Command::Reach(args) => reach::run(args, &console),
+        Command::Plan(args) => plan::run(args, &console),
+        Command::Deploy(args) => deploy::run(args, &console),
         Command::Simulate(args) => simulate::run(args, &console),
         Command::Study(args) => study::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),

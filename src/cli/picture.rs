@@ -25,7 +25,7 @@ const FOVY: f64 = 20.0;
 /// A picture of the result.
 #[derive(Debug, Args)]
 pub(super) struct PictureArg {
-    /// Draw the result in this file: .png as a camera sees it, .svg as lines; of simulate also .mp4, by ffmpeg
+    /// Draw the result in this file: .png as a camera sees it, .svg as lines; of simulate and plan also .mp4, by ffmpeg
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
 }
@@ -267,7 +267,18 @@ impl<'a> MotionPicture<'a> {
         time: f64,
         configuration: &Configuration,
     ) -> anyhow::Result<()> {
-        let (positions, orientations) = configuration.place(self.robot);
+        self.add_of(self.robot, step, time, configuration)
+    }
+
+    /// The same of a robot that stands elsewhere.
+    pub fn add_of(
+        &mut self,
+        robot: &Robot,
+        step: usize,
+        time: f64,
+        configuration: &Configuration,
+    ) -> anyhow::Result<()> {
+        let (positions, orientations) = configuration.place(robot);
         // What cameras see of tendons follows from the discs.
         let pose = Pose {
             configuration,
@@ -279,7 +290,7 @@ impl<'a> MotionPicture<'a> {
         match &mut self.film {
             None => self.tips.push((time, pose.tip().translation.vector)),
             Some(film) if step.is_multiple_of(self.stride) => {
-                let seen = view(self.robot, pose, &self.loads, &self.scene, &self.camera);
+                let seen = view(robot, pose, &self.loads, &self.scene, &self.camera);
                 film.add(seen.as_flattened())?;
             }
             Some(_) => {}

@@ -98,12 +98,18 @@ impl Beads {
     }
 
     /// The numbers of the beads that a disc carries.
-    pub(crate) fn of_disc(&self, disc: usize) -> Range<usize> {
+    ///
+    /// # Panics
+    /// For a disc that the robot does not have.
+    pub fn of_disc(&self, disc: usize) -> Range<usize> {
         self.of_disc[disc].clone()
     }
 
     /// Radius of the sphere about a disc's origin that encloses its beads (m).
-    pub(crate) fn enclosing(&self, disc: usize) -> f64 {
+    ///
+    /// # Panics
+    /// For a disc that the robot does not have.
+    pub fn enclosing(&self, disc: usize) -> f64 {
         self.enclosing[disc]
     }
 }

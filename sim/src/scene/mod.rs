@@ -21,6 +21,7 @@
 
 mod checks;
 mod compile;
+mod distance;
 mod error;
 mod obstacle;
 mod read;

@@ -123,6 +123,24 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (tdcr.jacobian, {**batch, "parameters": None, "payload": None, "wrench": None, "loads": None, "on_failure": "raise"}),
         (tdcr.jvp, {**batch, "parameters": ["payload"], "rates": [1.0], "payload": None, "on_failure": "raise"}),
         (tdcr.vjp, {**batch, "parameters": ["payload"], "by_positions": np.zeros((1, 10, 3)), "by_quaternions": None}),
+        (
+            tdcr.plan,
+            {"robot": ROBOT, "scene": SCENE, "from_": COMMAND, "to": COMMAND, "payload": None, "loads": None, "clearance": 0.002}
+            | {
+                "min_tension": None,
+                "max_tension": None,
+                "insertion": None,
+                "to_insertion": 0.0,
+                "seed": 0,
+                "nodes": 10,
+                "seconds": 0.1,
+            },
+        ),
+        (lambda tip: tdcr.plan(ROBOT, SCENE, from_=COMMAND, tip=tip, nodes=10, seconds=0.1), {"tip": SETTLED.tip}),
+        (
+            tdcr.follow_the_leader,
+            {"robot": ROBOT, "curve": [[0, 0, 0], [0, 0, 0.1]], "base": "free", "stages": 2, "payload": None, "loads": None},
+        ),
         (tdcr.FrictionPath, {"robot": ROBOT, "resolution": 0.02}),
         (path.start, {"command": COMMAND, "loads": None, "payload": None}),
         (path.advance, {"command": COMMAND, "loads": None, "payload": None}),
