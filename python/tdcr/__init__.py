@@ -46,6 +46,7 @@ from tdcr.stream import Stream
 from tdcr.studies import merge_study, study
 from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
+from tdcr.tracking import Tracking, track
 from tdcr.vision import Cloud, View, cloud, clouds, render
 
 __all__ = [
@@ -82,6 +83,7 @@ __all__ = [
     "State",
     "Stream",
     "TdcrError",
+    "Tracking",
     "TrainOptions",
     "View",
     "Wrench",
@@ -122,6 +124,7 @@ __all__ = [
     "study",
     "sweep",
     "threads",
+    "track",
     "train",
     "vjp",
 ]

@@ -43,6 +43,8 @@ mod settle_many;
 mod signals;
 mod simulate;
 mod study;
+mod track;
+mod track_path;
 mod train;
 mod units;
 
@@ -100,6 +102,7 @@ enum Command {
     Settle(settle::SettleArgs),
     Reach(reach::ReachArgs),
     Simulate(simulate::SimulateArgs),
+    Track(Box<track::TrackArgs>),
     Study(study::StudyArgs),
     Collect(collect::CollectArgs),
     Data(data::DataArgs),
@@ -277,6 +280,7 @@ fn execute(cli: &Cli, arguments: &[OsString]) -> anyhow::Result<()> {
         Command::Settle(args) => settle::run(args, &console),
         Command::Reach(args) => reach::run(args, &console),
         Command::Simulate(args) => simulate::run(args, &console),
+        Command::Track(args) => track::run(args, &console),
         Command::Study(args) => study::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),
         Command::Data(args) => data::run(args, &console),

@@ -44,6 +44,7 @@ mod study;
 mod study_outputs;
 mod symmetry;
 mod tables;
+mod track;
 mod training;
 mod units;
 
