@@ -166,10 +166,7 @@ impl Belief {
     /// [`BeliefError`] where it does not settle.
     pub fn settle(&mut self, command: &[f64]) -> Result<&Equilibrium, BeliefError> {
         let (got, loads) = (self.pulled(command)?, self.all_loads()?);
-        let failure = self
-            .settler
-            .follow(&got, &loads)
-            .failure(&self.robot, &got);
+        let failure = self.settler.follow(&got, &loads).failure(&self.robot, &got);
         match failure {
             None => Ok(self.settler.equilibrium()),
             Some(failure) => Err(failure.into()),
@@ -288,10 +285,7 @@ impl Linear {
     ///
     /// # Errors
     /// [`BeliefError`] for a parameter that the robot does not have.
-    pub fn marker_jacobians(
-        &self,
-        markers: &[Marker],
-    ) -> Result<[DMatrix<f64>; 2], BeliefError> {
+    pub fn marker_jacobians(&self, markers: &[Marker]) -> Result<[DMatrix<f64>; 2], BeliefError> {
         let discs = self.sensitivity.jacobian(&self.parameters)?;
         let mut rows = DMatrix::zeros(3 * markers.len(), self.parameters.len());
         for (place, marker) in markers.iter().enumerate() {
@@ -301,7 +295,8 @@ impl Linear {
                 let position = Vector3::new(change[0], change[1], change[2]);
                 let rotation = Vector3::new(change[3], change[4], change[5]);
                 let moved = position + rotation.cross(&arm);
-                rows.fixed_view_mut::<3, 1>(3 * place, column).copy_from(&moved);
+                rows.fixed_view_mut::<3, 1>(3 * place, column)
+                    .copy_from(&moved);
             }
         }
         Ok([&rows * &self.by_command, &rows * &self.by_unknowns])

@@ -18,8 +18,9 @@ use crate::plant::Measurement;
 const HARDLY: f64 = 0.5;
 /// Standard deviations of chi squared above its mean from which a measurement is further off than its noise explains.
 const SURPRISING: f64 = 3.0;
-/// Gauss-Newton steps of a measurement.
-const STEPS: usize = 3;
+/// Gauss-Newton steps of a measurement at most, and the part of a deviation within which a step ends them.
+const STEPS: usize = 8;
+const CLOSE: f64 = 0.02;
 
 /// What is thought of an unknown before anything is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -152,7 +153,9 @@ impl Estimator {
     pub fn untold(&self) -> Vec<String> {
         let estimated = self.estimated().into_iter();
         let untold = estimated.filter(|estimated| !estimated.is_told);
-        untold.map(|estimated| estimated.unknown.to_string()).collect()
+        untold
+            .map(|estimated| estimated.unknown.to_string())
+            .collect()
     }
 
     /// Takes in a measurement `elapsed` (s) after the last one, under `command` (m or N), what the tendons were commanded then.
@@ -177,7 +180,9 @@ impl Estimator {
     /// Lets the unknowns drift for `elapsed` (s); returns their mean values then.
     fn forget(&mut self, elapsed: f64) -> DVector<f64> {
         let priors = &self.settings.priors;
-        let kept = priors.iter().map(|prior| (-elapsed.max(0.0) / prior.time).exp());
+        let kept = priors
+            .iter()
+            .map(|prior| (-elapsed.max(0.0) / prior.time).exp());
         let kept = DVector::from_iterator(priors.len(), kept);
         let mean = self.belief.values().component_mul(&kept);
         self.covariance = DMatrix::from_fn(kept.len(), kept.len(), |i, j| {
@@ -191,53 +196,76 @@ impl Estimator {
         mean
     }
 
+    /// The mode of prior and measurement, and the covariance there.
     fn gauss_newton(
         &mut self,
         prior: &DVector<f64>,
         command: &[f64],
         measurement: &Measurement,
     ) -> Result<(), BeliefError> {
-        let mut covariance = None;
-        let mut inflation = 1.0;
-        for step in 0..STEPS {
-            let residuals = self.residuals(command, measurement)?;
-            if residuals.z.is_empty() {
-                return Ok(());
-            }
-            let Residuals { z, slopes, mut noise } = residuals;
-            let here = self.belief.values().clone();
-            let innovation = z - &slopes * (prior - &here);
-            let explained = &slopes * &self.covariance * slopes.transpose();
-            let spread = |noise: &DVector<f64>| {
-                Cholesky::new(&explained + DMatrix::from_diagonal(noise))
-            };
-            if step == 0 {
-                let Some(factor) = spread(&noise) else {
-                    return Ok(());
-                };
-                let squared = innovation.dot(&factor.solve(&innovation));
-                self.innovation = Some((squared, innovation.len()));
-                let degrees = innovation.len() as f64;
-                inflation = (squared / (degrees + SURPRISING * (2.0 * degrees).sqrt())).max(1.0);
-            }
-            noise *= inflation;
-            let Some(factor) = spread(&noise) else {
-                return Ok(());
-            };
-            let gain = factor.solve(&(&slopes * &self.covariance)).transpose();
-            self.belief.set_values(&(prior + &gain * innovation));
-            // Joseph's form stays positive.
-            let left = DMatrix::identity(here.len(), here.len()) - &gain * &slopes;
-            let joseph = &left * &self.covariance * left.transpose()
-                + &gain * DMatrix::from_diagonal(&noise) * gain.transpose();
-            covariance = Some(joseph);
-        }
+        let Some(found) = self.descend(prior, command, measurement, 1.0)? else {
+            return Ok(());
+        };
+        self.innovation = Some((found.squared, found.coordinates));
+        let degrees = found.coordinates as f64;
+        let expected = degrees + SURPRISING * (2.0 * degrees).sqrt();
+        let surprise = found.squared / expected;
+        let found = match surprise > 1.0 {
+            true => self.descend(prior, command, measurement, surprise)?,
+            false => Some(found),
+        };
         // The values are kept only where the model settles with them.
         self.belief.settle(command)?;
-        if let Some(covariance) = covariance {
-            self.covariance = (&covariance + covariance.transpose()) / 2.0;
+        if let Some(found) = found {
+            self.covariance = (&found.covariance + found.covariance.transpose()) / 2.0;
         }
         Ok(())
+    }
+
+    /// Gauss-Newton steps, the variances of measurements counting `inflation`-fold; `None` where nothing was measured.
+    fn descend(
+        &mut self,
+        prior: &DVector<f64>,
+        command: &[f64],
+        measurement: &Measurement,
+        inflation: f64,
+    ) -> Result<Option<Descended>, BeliefError> {
+        let mut last = None;
+        for _ in 0..STEPS {
+            let residuals = self.residuals(command, measurement)?;
+            if residuals.z.is_empty() {
+                return Ok(None);
+            }
+            let Residuals { z, slopes, noise } = residuals;
+            let noise = DMatrix::from_diagonal(&(noise * inflation));
+            let here = self.belief.values().clone();
+            let innovation = z - &slopes * (prior - &here);
+            let spread = &slopes * &self.covariance * slopes.transpose() + &noise;
+            let Some(factor) = Cholesky::new(spread) else {
+                return Ok(None);
+            };
+            let gain = factor.solve(&(&slopes * &self.covariance)).transpose();
+            let next = prior + &gain * &innovation;
+            self.belief.set_values(&next);
+            // Joseph's form stays positive.
+            let left = DMatrix::identity(here.len(), here.len()) - &gain * &slopes;
+            let covariance =
+                &left * &self.covariance * left.transpose() + &gain * noise * gain.transpose();
+            let is_close = |place: usize| {
+                let deviation = covariance[(place, place)].max(0.0).sqrt();
+                (next[place] - here[place]).abs() <= CLOSE * deviation
+            };
+            let is_there = (0..here.len()).all(is_close);
+            last = Some(Descended {
+                squared: innovation.dot(&factor.solve(&innovation)),
+                coordinates: innovation.len(),
+                covariance,
+            });
+            if is_there {
+                break;
+            }
+        }
+        Ok(last)
     }
 
     fn residuals(
@@ -247,7 +275,11 @@ impl Estimator {
     ) -> Result<Residuals, BeliefError> {
         let linear = self.belief.linearise(command)?;
         let mut all = Residuals::new(self.belief.unknowns().len());
-        let markers: Vec<_> = measurement.sightings.iter().map(|seen| seen.marker).collect();
+        let markers: Vec<_> = measurement
+            .sightings
+            .iter()
+            .map(|seen| seen.marker)
+            .collect();
         if !markers.is_empty() {
             let seen = measurement.sightings.iter();
             let off = seen.flat_map(|seen| {
@@ -272,6 +304,14 @@ impl Estimator {
         }
         Ok(all)
     }
+}
+
+/// Where Gauss-Newton steps came to.
+struct Descended {
+    /// Normalised square of the innovation, linearised there, and the number of its coordinates.
+    squared: f64,
+    coordinates: usize,
+    covariance: DMatrix<f64>,
 }
 
 /// Measured less modelled, with the model's derivatives by the unknowns.
@@ -300,7 +340,8 @@ impl Residuals {
         self.noise = extend(&self.noise, &vec![deviation.powi(2); off.len()]);
         let mut all = DMatrix::zeros(after, self.slopes.ncols());
         all.rows_mut(0, before).copy_from(&self.slopes);
-        all.rows_mut(before, off.len()).copy_from(&slopes.rows(0, off.len()));
+        all.rows_mut(before, off.len())
+            .copy_from(&slopes.rows(0, off.len()));
         self.slopes = all;
     }
 }

@@ -200,9 +200,10 @@ impl Shape {
                 };
                 [between(0), between(1)]
             }
-            Self::Lissajous([a, b]) => {
-                [(TAU * f64::from(a) * s).sin(), (TAU * f64::from(b) * s).sin()]
-            }
+            Self::Lissajous([a, b]) => [
+                (TAU * f64::from(a) * s).sin(),
+                (TAU * f64::from(b) * s).sin(),
+            ],
         }
     }
 }

@@ -118,7 +118,10 @@ impl Tracking {
 
     /// The largest of them (m).
     pub fn largest_error(&self) -> Option<f64> {
-        self.errors().into_iter().map(|[_, error]| error).reduce(f64::max)
+        self.errors()
+            .into_iter()
+            .map(|[_, error]| error)
+            .reduce(f64::max)
     }
 }
 
@@ -159,7 +162,14 @@ pub fn track(
             let time = (k + ahead as i64) as f64 * period;
             target_at(path, settings.approach, from, time)
         };
-        let row = run.step(plant, controller, k as f64 * period, &measurement, tip, &target)?;
+        let row = run.step(
+            plant,
+            controller,
+            k as f64 * period,
+            &measurement,
+            tip,
+            &target,
+        )?;
         let goes_on = each(&row);
         run.tracking.rows.push(row);
         if run.tracking.stopped.is_none() && !goes_on {

@@ -92,7 +92,11 @@ impl Watch {
             if waited > self.settings.patience {
                 return incident(format!("held for {waited:.2} s: {reason}"), true);
             }
-            return if first { incident(format!("held: {reason}"), false) } else { None };
+            return if first {
+                incident(format!("held: {reason}"), false)
+            } else {
+                None
+            };
         }
         self.holding = None;
         let error = error?;

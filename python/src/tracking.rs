@@ -54,7 +54,9 @@ impl TipPathOf {
                 "path is '{name}'; expected 'circle', 'eight', 'square', 'lissajous', or rows of t, x, y, z (s, m)"
             )));
         };
-        Ok(Self(track::closed_path(&robot.0, shape, centre, diameter, duration)?))
+        Ok(Self(track::closed_path(
+            &robot.0, shape, centre, diameter, duration,
+        )?))
     }
 
     /// Rows of t, x, y, z (s, m).
@@ -72,7 +74,9 @@ fn options(
     (period, approach, rate, tension): Options,
     seed: u64,
 ) -> Outcome<TrackOptions> {
-    let named = ControllerName::ALL.into_iter().find(|known| known.name() == controller);
+    let named = ControllerName::ALL
+        .into_iter()
+        .find(|known| known.name() == controller);
     let Some(controller) = named else {
         let known = ControllerName::ALL.map(ControllerName::name).join("', '");
         let message = format!("controller is '{controller}'; expected one of '{known}'");
@@ -124,7 +128,12 @@ pub fn track_simulated<'py>(
     let open_loop = tracked.open_loop.as_ref().unwrap_or(&tracked.run).errors();
     let errors = array(py, open_loop.concat(), [open_loop.len(), 2])?;
     let page = track::page(robot, &tracked, Vec::new()).to_html();
-    Ok((summary(robot, &tracked)?, rows(py, &tracked.run)?, errors, page))
+    Ok((
+        summary(robot, &tracked)?,
+        rows(py, &tracked.run)?,
+        errors,
+        page,
+    ))
 }
 
 /// Leads the tip of a plant of one's own along a path, from the command `start` or the model's at the path's first point.
@@ -143,9 +152,7 @@ pub fn track_plant<'py>(
     let mut options = options(controller, settings, seed)?;
     let (robot, path) = (&robot.0, &path.0);
     let start = match start {
-        Some(start) => {
-            robot.command(contiguous(&start, "start", &[robot.tendons().len()])?)?
-        }
+        Some(start) => robot.command(contiguous(&start, "start", &[robot.tendons().len()])?)?,
         None => run::long(py, None, |_| track::first_command(robot, path, seed))??,
     };
     let period: f64 = plant.call_method0("period")?.extract()?;
@@ -187,7 +194,12 @@ fn other(error: PyErr) -> PlantError {
 
 impl OwnPlant<'_, '_> {
     /// The numbers of a measurement's entry; `None` where it is missing.
-    fn numbers(&self, found: &Bound<'_, PyAny>, key: &str, count: usize) -> PyResult<Option<Vec<f64>>> {
+    fn numbers(
+        &self,
+        found: &Bound<'_, PyAny>,
+        key: &str,
+        count: usize,
+    ) -> PyResult<Option<Vec<f64>>> {
         let entry = found.call_method1("get", (key,))?;
         if entry.is_none() {
             return Ok(None);
@@ -275,8 +287,14 @@ fn rows<'py>(py: Python<'py>, run: &Tracking) -> Outcome<Rows<'py>> {
             None => vec![f64::NAN; 3],
         })?,
         table(tendons, &|row| row.command.clone())?,
-        table(tendons, &|row| row.tensions.clone().unwrap_or_else(|| unknown.clone()))?,
-        table(unknowns, &|row| row.estimated.iter().map(|found| found.value).collect())?,
-        table(unknowns, &|row| row.estimated.iter().map(|found| found.deviation).collect())?,
+        table(tendons, &|row| {
+            row.tensions.clone().unwrap_or_else(|| unknown.clone())
+        })?,
+        table(unknowns, &|row| {
+            row.estimated.iter().map(|found| found.value).collect()
+        })?,
+        table(unknowns, &|row| {
+            row.estimated.iter().map(|found| found.deviation).collect()
+        })?,
     ))
 }

@@ -101,7 +101,9 @@ pub(super) fn run(args: &TrackArgs, console: &Console) -> anyhow::Result<()> {
             robot.tendons().len()
         );
     }
-    let truth = args.different.truth(&truth, args.scene.load()?, &args.options)?;
+    let truth = args
+        .different
+        .truth(&truth, args.scene.load()?, &args.options)?;
     let path = args.path(&robot)?;
     let mut goes_on = |_: &_| !console.interrupted();
     let tracked = track_simulated(&robot, &truth, &path, &args.options, &mut goes_on)?;
@@ -125,12 +127,19 @@ pub(super) fn run(args: &TrackArgs, console: &Console) -> anyhow::Result<()> {
         for incident in &summary.incidents {
             text += &format!("at {:.2} s: {}\n", incident.time, incident.reason);
         }
-        if let Some(payload) = summary.estimated.iter().find(|found| found.name == "payload") {
+        if let Some(payload) = summary
+            .estimated
+            .iter()
+            .find(|found| found.name == "payload")
+        {
             let [value, band] = [payload.value, payload.deviation].map(|mass| 1e3 * mass);
             text += &format!("estimated payload {value:.1} g, standard deviation {band:.1} g\n");
         }
         if !summary.untold.is_empty() {
-            text += &format!("not told by the measurements: {}\n", summary.untold.join(", "));
+            text += &format!(
+                "not told by the measurements: {}\n",
+                summary.untold.join(", ")
+            );
         }
         text
     })
@@ -145,14 +154,20 @@ fn settings(args: &TrackArgs) -> Vec<(String, String)> {
     };
     [
         ("Path", args.path.clone()),
-        ("Time between commands", format!("{} s", args.options.period)),
+        (
+            "Time between commands",
+            format!("{} s", args.options.period),
+        ),
         ("Unknown payload", format!("{} kg", different.payload)),
         ("Friction", format!("{}", different.friction)),
         ("Backlash", format!("{}", different.backlash)),
         ("Error of spools", format!("{}", different.gain_error)),
         ("Delay", format!("{} s", different.delay)),
         ("Noise of the tip", format!("{} m", different.noise)),
-        ("Noise of tensions", format!("{} N", different.tension_noise)),
+        (
+            "Noise of tensions",
+            format!("{} N", different.tension_noise),
+        ),
         ("Simulated", motion),
         ("Seed", format!("{}", args.options.seed)),
     ]

@@ -45,8 +45,8 @@ pub(super) fn read_path(file: &Path) -> anyhow::Result<Vec<[f64; 4]>> {
                     cells.len()
                 );
             };
-            *value = (cell.parse())
-                .with_context(|| format!("{}: `{cell}` is not a number", at()))?;
+            *value =
+                (cell.parse()).with_context(|| format!("{}: `{cell}` is not a number", at()))?;
         }
         rows.push(row);
     }
@@ -64,7 +64,10 @@ fn columns(cells: &[String]) -> anyhow::Result<[usize; 4]> {
     for (place, wanted) in places.iter_mut().zip(["t", "x", "y", "z"]) {
         let found = names.iter().position(|name| name == wanted);
         *place = found.with_context(|| {
-            format!("the columns are {}; expected t, x, y and z (s, m) among them", names.join(", "))
+            format!(
+                "the columns are {}; expected t, x, y and z (s, m) among them",
+                names.join(", ")
+            )
         })?;
     }
     Ok(places)

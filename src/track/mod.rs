@@ -112,7 +112,15 @@ pub fn track_simulated(
             settings.watch.error = f64::INFINITY;
             let mut plant = SimulatedPlant::new(truth, options.period, &start, options.seed)?;
             let mut inverse = Inverse::default();
-            Some(track(&mut plant, robot, &start, path, &mut inverse, &settings, &mut |_| true)?)
+            Some(track(
+                &mut plant,
+                robot,
+                &start,
+                path,
+                &mut inverse,
+                &settings,
+                &mut |_| true,
+            )?)
         }
     };
     Ok(Tracked {
@@ -137,7 +145,15 @@ pub fn track_plant(
 ) -> Result<Tracking, TrackError> {
     let settings = settings(robot, options, plant.period())?;
     let mut controller = options.controller.make();
-    Ok(track(plant, robot, start, path, &mut *controller, &settings, each)?)
+    Ok(track(
+        plant,
+        robot,
+        start,
+        path,
+        &mut *controller,
+        &settings,
+        each,
+    )?)
 }
 
 fn settings(

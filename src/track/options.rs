@@ -12,7 +12,7 @@ use tdcr_control::tip_path::{Shape, TipPath, TipPathError};
 use tdcr_learn::options::cli::positive;
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::inverse::recording::Servo;
-use tdcr_sim::robot::{Loads, Robot, RobotSpec};
+use tdcr_sim::robot::{CommandUnit, Loads, Robot, RobotSpec};
 use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::Physics;
 
@@ -103,7 +103,8 @@ pub struct TruthOptions {
     /// Play between each servo and its tendon, its whole width (m, or N for a tension drive)
     #[arg(long, default_value_t = 0.0, value_name = "M", value_parser = not_negative)]
     pub backlash: f64,
-    /// Share by which each spool pulls too much or too little, by a sign drawn for each
+    /// Share by which each spool pulls too much or too little from where it is calibrated, the middle of its tendon's range; its sign is
+    /// drawn for each
     #[arg(long, default_value_t = 0.0, value_name = "SHARE", value_parser = share)]
     pub gain_error: f64,
     /// Time from a command to when the tendons get it (s), to the nearest period
@@ -156,14 +157,24 @@ impl TruthOptions {
             (None, false) => Physics::AtRest,
         };
         let mut signs = ChaCha8Rng::seed_from_u64(options.seed);
-        truth.servos = (0..compiled.tendons().len())
-            .map(|_| Servo {
-                gain: match signs.random::<bool>() {
-                    true => 1.0 + self.gain_error,
-                    false => 1.0 - self.gain_error,
-                },
-                offset: 0.0,
-                backlash: self.backlash / 2.0,
+        let straight = Configuration::straight(&compiled);
+        let (lengths, _) = compiled.tendon_kinematics(&straight);
+        truth.servos = (compiled.tendons().iter().zip(lengths))
+            .map(|(tendon, length)| {
+                let error = match signs.random::<bool>() {
+                    true => self.gain_error,
+                    false => -self.gain_error,
+                };
+                let middle = (tendon.range[0] + tendon.range[1]) / 2.0;
+                let home = match tendon.unit() {
+                    CommandUnit::Metre => length - middle,
+                    CommandUnit::Newton => middle,
+                };
+                Servo {
+                    gain: 1.0 + error,
+                    offset: -error * home,
+                    backlash: self.backlash / 2.0,
+                }
             })
             .collect();
         truth.delay = (self.delay / options.period).round() as usize;
@@ -221,7 +232,9 @@ pub fn curve_named(name: &str) -> Option<Shape> {
 /// # Errors
 /// [`TipPathError`].
 pub fn path_of_rows(rows: &[[f64; 4]]) -> Result<TipPath, TipPathError> {
-    let rows: Vec<_> = (rows.iter()).map(|&[t, x, y, z]| (t, [x, y, z].into())).collect();
+    let rows: Vec<_> = (rows.iter())
+        .map(|&[t, x, y, z]| (t, [x, y, z].into()))
+        .collect();
     TipPath::table(&rows)
 }
 
@@ -239,12 +252,16 @@ fn not_negative(text: &str) -> Result<f64, String> {
 fn share(text: &str) -> Result<f64, String> {
     match number(text)? {
         value if (0.0..1.0).contains(&value) => Ok(value),
-        value => Err(format!("`{value}` is no share; expected 0 or above, and below 1")),
+        value => Err(format!(
+            "`{value}` is no share; expected 0 or above, and below 1"
+        )),
     }
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
     let numbers: Vec<f64> = text.split(',').map(number).collect::<Result<_, _>>()?;
     let found = numbers.len();
-    numbers.try_into().map_err(|_| format!("expected 2 numbers, found {found}"))
+    numbers
+        .try_into()
+        .map_err(|_| format!("expected 2 numbers, found {found}"))
 }

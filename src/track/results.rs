@@ -154,7 +154,10 @@ pub fn table(robot: &Robot, run: &Tracking) -> String {
 pub fn page(robot: &Robot, tracked: &Tracked, settings: Vec<(String, String)>) -> StudyPage {
     let summary = TrackSummary::new(robot, tracked);
     let rows = &tracked.run.rows;
-    let mut figures = vec![("error", error_figure(tracked)), ("path", path_figure(tracked))];
+    let mut figures = vec![
+        ("error", error_figure(tracked)),
+        ("path", path_figure(tracked)),
+    ];
     figures.push(("commands", tendon_figure(robot, rows, Tendons::Commands)));
     if rows.iter().any(|row| row.tensions.is_some()) {
         figures.push(("tensions", tendon_figure(robot, rows, Tendons::Tensions)));
@@ -162,7 +165,10 @@ pub fn page(robot: &Robot, tracked: &Tracked, settings: Vec<(String, String)>) -
     figures.extend(payload_figure(tracked).map(|figure| ("payload", figure)));
     let mut what: Vec<(String, String)> = settings;
     for incident in &summary.incidents {
-        what.push((format!("At {:.2} s", incident.time), incident.reason.clone()));
+        what.push((
+            format!("At {:.2} s", incident.time),
+            incident.reason.clone(),
+        ));
     }
     if !summary.untold.is_empty() {
         what.push((
@@ -302,7 +308,13 @@ enum Tendons {
 }
 
 fn tendon_figure(robot: &Robot, rows: &[TrackingRow], what: Tendons) -> Figure {
-    const INKS: [Ink; 5] = [Ink::Blue, Ink::Vermilion, Ink::Green, Ink::Purple, Ink::Black];
+    const INKS: [Ink; 5] = [
+        Ink::Blue,
+        Ink::Vermilion,
+        Ink::Green,
+        Ink::Purple,
+        Ink::Black,
+    ];
     let of_group = |group: &TendonGroup| {
         let unit = group.unit.display();
         let marks = group.tendons.clone().map(|t| {
@@ -349,7 +361,9 @@ fn payload_figure(tracked: &Tracked) -> Option<Figure> {
     let (first, last) = (values.first()?[0], values.last()?[0]);
     let truth = 1e3 * tracked.payload;
     let at = |sign: f64| {
-        let band = values.iter().map(|[time, value, band]| [*time, value + sign * band]);
+        let band = values
+            .iter()
+            .map(|[time, value, band]| [*time, value + sign * band]);
         band.collect::<Vec<_>>()
     };
     let dashes = |name: &str, ink, points| Mark {

@@ -77,7 +77,9 @@ fn reach(
 
 /// Width of each tendon's range (m or N).
 pub(super) fn widths(moment: &Moment<'_>) -> Vec<f64> {
-    (0..moment.command.len()).map(|t| moment.limits.width(t)).collect()
+    (0..moment.command.len())
+        .map(|t| moment.limits.width(t))
+        .collect()
 }
 
 /// The robot's length (m).

@@ -24,8 +24,12 @@ impl Default for PredictiveSettings {
         Self {
             horizon: 6,
             programs: 1,
-            bandwidth: 3.0,
-            weights: StepWeights::default(),
+            bandwidth: 2.0,
+            // Ten times what a single step takes: a plan that reverses tendons at every period would cross their backlash and stick.
+            weights: StepWeights {
+                damping: 1e-3,
+                ..StepWeights::default()
+            },
         }
     }
 }
@@ -165,7 +169,9 @@ impl Horizon<'_> {
             bounds,
         };
         let solved = program.solve();
-        let x = solved.ok_or_else(|| ControlError::NotFinite(self.plan[0].clone()))?.x;
+        let x = solved
+            .ok_or_else(|| ControlError::NotFinite(self.plan[0].clone()))?
+            .x;
         let n = self.widths.len();
         let limits = moment.limits;
         let changed = |(i, command): (usize, &Vec<f64>)| {
@@ -199,7 +205,9 @@ impl Horizon<'_> {
                 hessian[(at, at)] += posture + damping;
                 gradient[at] += posture * (here - self.preferred[t]) / self.widths[t] - pull[t];
                 // The change from the stage before, of which the first is given.
-                let last = i.checked_sub(1).map_or(before[t], |last| self.plan[last][t]);
+                let last = i
+                    .checked_sub(1)
+                    .map_or(before[t], |last| self.plan[last][t]);
                 let change = damping * (here - last) / self.widths[t];
                 gradient[at] += change;
                 if i > 0 {
@@ -221,7 +229,9 @@ impl Horizon<'_> {
         let mut rows = DMatrix::zeros(6 * size, size);
         let mut bounds = DVector::zeros(6 * size);
         for (i, stage) in self.stages.iter().enumerate() {
-            let before = i.checked_sub(1).map_or(moment.command, |last| &self.plan[last]);
+            let before = i
+                .checked_sub(1)
+                .map_or(moment.command, |last| &self.plan[last]);
             for t in 0..n {
                 let (at, width) = (i * n + t, self.widths[t]);
                 let here = self.plan[i][t];

@@ -17,8 +17,8 @@ pub struct ResolvedRateGains {
 impl Default for ResolvedRateGains {
     fn default() -> Self {
         Self {
-            proportional: 3.0,
-            integral: 2.5,
+            proportional: 4.0,
+            integral: 4.0,
         }
     }
 }

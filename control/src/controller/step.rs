@@ -73,7 +73,9 @@ impl Limits {
         Ok(Self {
             low: tendons.iter().map(|tendon| tendon.range[0]).collect(),
             high: tendons.iter().map(|tendon| tendon.range[1]).collect(),
-            step: (tendons.iter()).map(|tendon| period * rate(tendon.range)).collect(),
+            step: (tendons.iter())
+                .map(|tendon| period * rate(tendon.range))
+                .collect(),
             tension,
         })
     }
@@ -102,7 +104,9 @@ impl Limits {
 
     /// The middle of each tendon's range (m or N): the command that is preferred among those that do the same.
     pub fn middle(&self) -> Vec<f64> {
-        (self.low.iter().zip(&self.high)).map(|(low, high)| (low + high) / 2.0).collect()
+        (self.low.iter().zip(&self.high))
+            .map(|(low, high)| (low + high) / 2.0)
+            .collect()
     }
 
     /// Width of a tendon's range (m or N).

@@ -85,6 +85,9 @@ impl Measurement {
     pub fn origin_of(&self, disc: usize) -> Option<Vector3<f64>> {
         let is_origin =
             |seen: &&Sighting| seen.marker.disc == disc && seen.marker.place == Vector3::zeros();
-        self.sightings.iter().find(is_origin).map(|seen| seen.position)
+        self.sightings
+            .iter()
+            .find(is_origin)
+            .map(|seen| seen.position)
     }
 }

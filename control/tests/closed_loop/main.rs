@@ -40,7 +40,9 @@ fn first_command(robot: &Robot, path: &TipPath) -> Command {
         ..Search::default()
     };
     let controller = ShapeController::new(robot, &Loads::default(), search).unwrap();
-    let found = controller.reach(&[Target::tip(robot, path.at(0.0))]).unwrap();
+    let found = controller
+        .reach(&[Target::tip(robot, path.at(0.0))])
+        .unwrap();
     assert!(found.errors[0] < 1e-5);
     found.command
 }

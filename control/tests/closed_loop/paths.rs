@@ -21,7 +21,12 @@ fn a_circle_keeps_its_distance_and_its_speed() {
 
 #[test]
 fn closed_curves_end_where_they_began_and_are_as_wide_as_asked() {
-    for shape in [Shape::Circle, Shape::Eight, Shape::Square, Shape::Lissajous([3, 2])] {
+    for shape in [
+        Shape::Circle,
+        Shape::Eight,
+        Shape::Square,
+        Shape::Lissajous([3, 2]),
+    ] {
         let path = closed(shape);
         assert!((path.at(0.0) - path.at(20.0)).norm() < 1e-12, "{shape:?}");
         let across: Vec<f64> = (0..=2000).map(|k| path.at(0.01 * f64::from(k)).x).collect();
@@ -43,12 +48,19 @@ fn a_square_has_constant_speed() {
 
 #[test]
 fn a_table_is_followed_by_straight_lines_from_its_first_time_on() {
-    let rows = [(5.0, Vector3::zeros()), (6.0, Vector3::x()), (8.0, Vector3::y())];
+    let rows = [
+        (5.0, Vector3::zeros()),
+        (6.0, Vector3::x()),
+        (8.0, Vector3::y()),
+    ];
     let path = TipPath::table(&rows).unwrap();
     assert_eq!(path.duration(), 3.0);
     assert_eq!(path.at(0.25), Vector3::x() * 0.25);
     assert_eq!(path.at(2.0), (Vector3::x() + Vector3::y()) / 2.0);
-    assert_eq!([path.at(-1.0), path.at(9.0)], [Vector3::zeros(), Vector3::y()]);
+    assert_eq!(
+        [path.at(-1.0), path.at(9.0)],
+        [Vector3::zeros(), Vector3::y()]
+    );
 }
 
 #[test]

@@ -54,7 +54,16 @@ fn run(
         spoil,
     };
     let settings = settings(robot);
-    track(&mut plant, robot, start, path, controller, &settings, &mut |_| true).unwrap()
+    track(
+        &mut plant,
+        robot,
+        start,
+        path,
+        controller,
+        &settings,
+        &mut |_| true,
+    )
+    .unwrap()
 }
 
 /// Every command is within its tendon's range, and near the one before.
@@ -163,7 +172,10 @@ fn a_tip_that_stays_lost_ends_the_run() {
     };
     let run = run(&robot, &path, &start, &mut Predictive::default(), blind);
     let stopped = run.stopped.unwrap();
-    assert!(stopped.starts_with("held for 3.05 s: the tip is not seen"), "{stopped}");
+    assert!(
+        stopped.starts_with("held for 3.05 s: the tip is not seen"),
+        "{stopped}"
+    );
 }
 
 #[test]
@@ -172,11 +184,16 @@ fn a_target_out_of_reach_is_said() {
     let start = robot.mean_command();
     let far = Vector3::new(0.05, 0.0, 0.6);
     let path = TipPath::table(&[(0.0, far), (6.0, far)]).unwrap();
-    let run = run(&robot, &path, &start, &mut ResolvedRate::default(), |_, _| {});
+    let run = run(
+        &robot,
+        &path,
+        &start,
+        &mut ResolvedRate::default(),
+        |_, _| {},
+    );
     let reasons: Vec<_> = run.incidents.iter().map(|i| i.reason.as_str()).collect();
-    let is_said = |reason: &&str| {
-        reason.contains("out of reach") || reason.contains("the error grew from")
-    };
+    let is_said =
+        |reason: &&str| reason.contains("out of reach") || reason.contains("the error grew from");
     assert!(reasons.iter().any(is_said), "{reasons:?}");
     keeps_bounds(&robot, &start, &run).unwrap();
 }
@@ -229,6 +246,10 @@ fn a_command_that_is_not_a_number_is_not_given() {
     let path = circle(2.0);
     let start = first_command(&robot, &path);
     let run = run(&robot, &path, &start, &mut Nonsense, |_, _| {});
-    assert!(run.rows.iter().all(|row| row.command[0] == start.as_slice()[0]));
+    assert!(
+        run.rows
+            .iter()
+            .all(|row| row.command[0] == start.as_slice()[0])
+    );
     keeps_bounds(&robot, &start, &run).unwrap();
 }

@@ -233,8 +233,9 @@ impl Transmission {
                         *pull = self.servos[t].play(last[t], *pull);
                     }
                 }
-                let command = (0..pulls.len())
-                    .map(|t| self.servos[t].command(robot.tendons()[t].drive, lengths[t], pulls[t]));
+                let command = (0..pulls.len()).map(|t| {
+                    self.servos[t].command(robot.tendons()[t].drive, lengths[t], pulls[t])
+                });
                 let command = command.collect();
                 played = (recording.order == Order::Motion).then_some(pulls);
                 command

@@ -114,7 +114,9 @@ fn a_slack_tendon_has_no_tension_to_change() {
         route.tendon.range = [0.0, 0.2];
     }
     let robot = Robot::new(spec).unwrap();
-    let command = robot.command(&[0.15, 0.07, 0.07, 0.07, 0.07, 0.07]).unwrap();
+    let command = robot
+        .command(&[0.15, 0.07, 0.07, 0.07, 0.07, 0.07])
+        .unwrap();
     let equilibrium = robot.settle(&command, &Loads::default());
     assert_eq!(equilibrium.tendon_tensions[0], 0.0);
     let parameters: Vec<Parameter> = (0..6).map(Parameter::Command).collect();
