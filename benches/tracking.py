@@ -1,7 +1,7 @@
 """Measures `tdcr track`: RMS error of the tip in percent of the length, by controller and disturbance, as a Markdown table.
 
-Circle of 60 mm and figure of eight in 20 s, robots hung by their bases. Cases without chance are run once, the others with each seed:
-mean (largest) over the seeds. The open loop is that of the resolved-rate runs.
+Circle of 60 mm and figure of eight in 20 s, robots hung by their bases. Cases without chance are run once, the others with each
+seed: mean (largest) over the seeds. The open loop is that of the resolved-rate runs.
 
     python benches/tracking.py target/release/tdcr --seeds 10
 """
@@ -19,7 +19,12 @@ CASES = {
     "noise 0.5 mm, 0.2 N": ["--noise", "5e-4", "--tension-noise", "0.2"],
 }
 ALL = "all but noise"
-CASES[ALL] = [*CASES["payload 20 g"], *CASES["spools 10 % off"], *CASES["friction 0.2, backlash 0.1 mm"], *CASES["delay of 2 periods"]]
+CASES[ALL] = [
+    *CASES["payload 20 g"],
+    *CASES["spools 10 % off"],
+    *CASES["friction 0.2, backlash 0.1 mm"],
+    *CASES["delay of 2 periods"],
+]
 BY_CHANCE = {"spools 10 % off", "noise 0.5 mm, 0.2 N", ALL}
 
 
@@ -58,10 +63,16 @@ def main() -> None:
         for path in args.paths:
             for case, options in CASES.items():
                 seeds = range(args.seeds if case in BY_CHANCE else 1)
-                found = {name: [run(args.tdcr, robot, path, name, options, seed) for seed in seeds] for name in ("resolved-rate", "mpc")}
-                scale = [100 * one["rms_error_open_loop"] * one["rms_error_percent"] / (100 * one["rms_error"])
-                         if one["rms_error_percent"] and one["rms_error_open_loop"] is not None else None
-                         for one in found["resolved-rate"]]
+                found = {
+                    name: [run(args.tdcr, robot, path, name, options, seed) for seed in seeds]
+                    for name in ("resolved-rate", "mpc")
+                }
+                scale = [
+                    100 * one["rms_error_open_loop"] * one["rms_error_percent"] / (100 * one["rms_error"])
+                    if one["rms_error_percent"] and one["rms_error_open_loop"] is not None
+                    else None
+                    for one in found["resolved-rate"]
+                ]
                 closed = [cell([one["rms_error_percent"] for one in runs]) for runs in found.values()]
                 name = robot.removesuffix(".toml").rsplit("/", 1)[-1]
                 print(f"| {name} | {path} | {case} | {cell(scale)} | {closed[0]} | {closed[1]} |", flush=True)

@@ -1,7 +1,7 @@
 """Leads the tip of a robot that is not as its model says along a circle, and draws it.
 
-The robot is a plant written here, three methods on top of ``tdcr.Settler``: it bears 20 g that the controller does not know of, and
-its first spool pulls a tenth too much. A robot on the desk would take its place.
+The robot is a plant written here, three methods on top of ``tdcr.Settler``: it bears 20 g that the controller does not know of,
+and its first spool pulls a tenth too much. A robot on the desk would take its place.
 
     python examples/python/tracking.py tracking.png
 """
