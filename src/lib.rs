@@ -38,6 +38,7 @@ pub mod pages;
 pub mod pipeline;
 pub mod report;
 pub mod study;
+pub mod track;
 pub mod view;
 
 pub use tdcr_base as base;

@@ -22,5 +22,50 @@
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+//!
+//! A [`Plant`](plant::Plant) is measured and commanded; an [`Estimator`](estimator::Estimator) tells what pulls at it; a
+//! [`Controller`](controller::Controller) chooses the next command; [`track`](tracking::track) leads the tip along a
+//! [`TipPath`](tip_path::TipPath), and holds or stops where something goes wrong.
+//!
+//! ```
+//! use tdcr_control::controller::{Limits, ResolvedRate};
+//! use tdcr_control::estimator::EstimatorSettings;
+//! use tdcr_control::lag::Delay;
+//! use tdcr_control::plant::{SimulatedPlant, Truth};
+//! use tdcr_control::tip_path::{Shape, TipPath};
+//! use tdcr_control::tracking::{TrackingSettings, track};
+//! use tdcr_control::watch::WatchSettings;
+//! use nalgebra::Isometry3;
+//! use tdcr_sim::robot::{Loads, Robot};
+//!
+//! let robot = Robot::load("2m")?;
+//! let (start, period) = (robot.mean_command(), 0.05);
+//! // The robot in truth bears 2 g that nobody knows of.
+//! let truth = Truth { loads: Loads::payload(0.002)?, ..Truth::ideal(&robot) };
+//! let mut plant = SimulatedPlant::new(&truth, period, &start, 0)?;
+//! let level = Isometry3::translation(0.0, 0.0, 0.325);
+//! let circle = TipPath::closed(Shape::Circle, &level, 0.06, 4.0)?;
+//! let settings = TrackingSettings {
+//!     approach: 3.0,
+//!     loads: Loads::default(),
+//!     estimator: EstimatorSettings::for_robot(&robot),
+//!     delay: Delay::Known(0),
+//!     limits: Limits::new(&robot, period, None, [0.0, f64::INFINITY])?,
+//!     watch: WatchSettings::default(),
+//! };
+//! let mut controller = ResolvedRate::default();
+//! let run = track(&mut plant, &robot, &start, &circle, &mut controller, &settings, &mut |_| true)?;
+//! assert!(run.rms_error().is_some_and(|error| error < 1e-3));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
+pub mod belief;
+pub mod controller;
+pub mod estimator;
+pub mod lag;
 pub mod plan;
+pub mod plant;
+pub mod quadratic;
+pub mod tip_path;
+pub mod tracking;
+pub mod watch;

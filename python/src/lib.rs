@@ -18,6 +18,7 @@
 //! | `dynamics_tangent` | tangents of motions by rows |
 //! | `moving_robot` | one robot in motion, step by step |
 //! | `tendon_friction` | paths with friction in the holes |
+//! | `tracking` | tips led along paths by controllers |
 //! | `inverse` | commands for shapes, parameters from measurements |
 //! | `plan` | motions among obstacles |
 //! | `vision` | images and clouds |
@@ -73,6 +74,7 @@ mod stream;
 mod studies;
 mod tendon_friction;
 mod torch;
+mod tracking;
 mod training;
 mod viewer;
 mod vision;
@@ -148,6 +150,8 @@ mod _tdcr {
         presets, read_cloud_set, reduce, resolve_training, select_points, set_reduction,
         start_noise, train_settings, velocities,
     };
+    #[pymodule_export]
+    use crate::tracking::{TipPathOf, track_plant, track_simulated};
     #[pymodule_export]
     use crate::training::{distill, train, train_options};
     #[pymodule_export]

@@ -47,6 +47,7 @@ from tdcr.stream import Stream
 from tdcr.studies import merge_study, study
 from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
+from tdcr.tracking import Tracking, track
 from tdcr.viewing import Viewer, view
 from tdcr.vision import Cloud, View, cloud, clouds, render
 
@@ -86,6 +87,7 @@ __all__ = [
     "State",
     "Stream",
     "TdcrError",
+    "Tracking",
     "TrainOptions",
     "View",
     "Viewer",
@@ -129,6 +131,7 @@ __all__ = [
     "study",
     "sweep",
     "threads",
+    "track",
     "train",
     "view",
     "vjp",

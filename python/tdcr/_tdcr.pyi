@@ -306,6 +306,37 @@ class FrictionPath:
     def start(self, command: _Floats, loads: Loads) -> tuple[EquilibriumRows, list[_Profile], _Account]: ...
     def advance(self, command: _Floats, loads: Loads) -> tuple[EquilibriumRows, list[_Profile], _Account]: ...
 
+@final
+class TipPathOf:
+    @staticmethod
+    def curve(robot: Robot, name: str, centre: list[float] | None, diameter: float, duration: float) -> TipPathOf: ...
+    @staticmethod
+    def rows(rows: _Floats) -> TipPathOf: ...
+
+_TrackingRows = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]
+_TrackOptions = tuple[float, float, float | None, list[float] | None]
+_Different = tuple[float, float, float, float, float, float, float, float | None]
+
+def track_simulated(
+    robot: Robot,
+    truth: Robot,
+    scene: Scene,
+    path: TipPathOf,
+    controller: str,
+    settings: _TrackOptions,
+    different: _Different,
+    seed: int,
+) -> tuple[str, _TrackingRows, _Floats, str]: ...
+def track_plant(
+    plant: Any,
+    robot: Robot,
+    path: TipPathOf,
+    start: _Floats | None,
+    controller: str,
+    settings: _TrackOptions,
+    seed: int,
+) -> tuple[str, _TrackingRows, str]: ...
+
 _Solution = tuple[_Floats, EquilibriumRows, _Floats, str, list[tuple[int, str]], float, int, ContactRows | None]
 
 @final

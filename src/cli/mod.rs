@@ -45,6 +45,8 @@ mod settle_many;
 mod signals;
 mod simulate;
 mod study;
+mod track;
+mod track_path;
 mod train;
 mod units;
 mod view;
@@ -105,6 +107,7 @@ enum Command {
     Plan(plan::PlanArgs),
     Deploy(deploy::DeployArgs),
     Simulate(simulate::SimulateArgs),
+    Track(Box<track::TrackArgs>),
     Study(study::StudyArgs),
     Collect(collect::CollectArgs),
     Data(data::DataArgs),
@@ -285,6 +288,7 @@ fn execute(cli: &Cli, arguments: &[OsString]) -> anyhow::Result<()> {
         Command::Plan(args) => plan::run(args, &console),
         Command::Deploy(args) => deploy::run(args, &console),
         Command::Simulate(args) => simulate::run(args, &console),
+        Command::Track(args) => track::run(args, &console),
         Command::Study(args) => study::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),
         Command::Data(args) => data::run(args, &console),

@@ -47,6 +47,7 @@ mod study;
 mod study_outputs;
 mod symmetry;
 mod tables;
+mod track;
 mod training;
 mod units;
 mod view;

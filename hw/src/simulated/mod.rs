@@ -55,7 +55,7 @@ mod world;
 
 pub use bus::SimulatedBus;
 pub use fault::{Fault, LATENESS, ScheduledFault, UnknownFault};
-pub use plant::{FRICTIONS, Physics, PlantError, PlantSetup, STIFFNESSES};
+pub use plant::{FRICTIONS, PlantError, PlantSetup, STIFFNESSES};
 pub use spool::{Spool, Winding};
 pub use tendon::{TendonFault, TendonTruth};
 pub use terminal::Terminal;
@@ -66,6 +66,7 @@ use std::time::Duration;
 use nalgebra::Isometry3;
 use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{Loads, LoadsError, Robot, RobotSpec};
+pub use tdcr_sim::simulation::Physics;
 use thiserror::Error;
 
 use crate::clock::Clock;

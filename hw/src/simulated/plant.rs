@@ -11,7 +11,7 @@ use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{
     Drive, Friction, Loads, LoadsError, Pull, Robot, RobotSpec, SpecError, TendonSpec,
 };
-use tdcr_sim::simulation::{MovingRobot, Simulation, SimulationError};
+use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
 use tdcr_sim::statics::Settler;
 use tdcr_sim::tendon_friction::FrictionPath;
 use thiserror::Error;
@@ -25,24 +25,6 @@ const TENSION_STEP: f64 = 0.2;
 const RESOLUTION: f64 = 1e-8;
 /// Stiffness (N/m) of a tendon of which the robot's file gives none: nylon-coated steel of a few decimetres.
 const STIFFNESS: f64 = 2e4;
-
-/// How the robot behind the spools follows them.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Physics {
-    /// From equilibrium to equilibrium.
-    #[default]
-    AtRest,
-    /// From equilibrium to equilibrium, with friction of the tendons in their holes.
-    WithFriction {
-        /// Coefficient of friction.
-        coefficient: f64,
-    },
-    /// With inertia and damping.
-    InMotion {
-        /// Time step (s).
-        timestep: f64,
-    },
-}
 
 /// What a plant is.
 #[derive(Clone, Debug)]

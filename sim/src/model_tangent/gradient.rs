@@ -108,8 +108,8 @@ impl Expanded<'_> {
         }
     }
 
-    /// Change of the tensions (N) in a fixed configuration.
-    fn pull(&self, tangent: &ModelTangent, lengths: &[f64]) -> Vec<f64> {
+    /// Change of the tensions (N) where the lengths change by `lengths` (m).
+    pub fn pull(&self, tangent: &ModelTangent, lengths: &[f64]) -> Vec<f64> {
         let change = |t: usize| {
             let tendon = &self.robot.tendons()[t];
             let weight = self.expansion.weights[t];

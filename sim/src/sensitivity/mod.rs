@@ -25,6 +25,7 @@
 mod changed;
 mod pressed;
 mod tangent;
+mod tendons;
 mod tool;
 
 use faer::Mat;
@@ -41,6 +42,7 @@ use crate::robot::{Command, Drive, Loads, Parameter, ParameterError, Robot, join
 use crate::statics::{Equilibrium, Stability};
 use crate::tendon::{LENGTH_PENALTY, Posture};
 pub(crate) use changed::{Changed, DiscPoint};
+pub use tendons::TendonJacobians;
 
 /// Why an equilibrium has no such derivative.
 #[non_exhaustive]

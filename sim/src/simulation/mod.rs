@@ -35,8 +35,10 @@
 //! ```
 
 mod moving;
+mod physics;
 
 pub use moving::MovingRobot;
+pub use physics::Physics;
 
 use thiserror::Error;
 

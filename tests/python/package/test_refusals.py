@@ -204,6 +204,13 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
             tdcr.calibrate_recording,
             {"robot": ROBOT, "data": missing, "columns": {"a": 1}, "validate": None, "fit": None, "loss": None, "report": None},
         ),
+        (
+            tdcr.track,
+            {"robot": ROBOT, "path": "circle", "plant": None, "controller": "inverse", "diameter": 0.06, "duration": 0.2}
+            | {"centre": None, "period": 0.05, "approach": 0.1, "rate": None, "tension": None, "truth": None, "scene": None}
+            | {"payload": 0.0, "friction": 0.0, "backlash": 0.0, "gain_error": 0.0, "delay": 0.0, "noise": 0.0}
+            | {"tension_noise": 0.0, "timestep": None, "start": None, "seed": 0, "report": None},
+        ),
         (tdcr.Rig, {"path": missing, "real_time": False}),
         (tdcr.demo, {"out": out, "samples": 1, "steps": 0, "precision": None, "symmetry": "auto", "seed": 0, "progress": None}),
     ]

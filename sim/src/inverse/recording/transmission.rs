@@ -70,6 +70,24 @@ impl Default for Servo {
     }
 }
 
+impl Servo {
+    /// What the servo has pulled after its backlash (m or N), where it reports `pull` and stood at `last` before: the play
+    /// operator (Visintin, Differential Models of Hysteresis, 1994, ch. III.2).
+    pub fn play(&self, last: f64, pull: f64) -> f64 {
+        last.clamp(pull - self.backlash, pull + self.backlash)
+    }
+
+    /// What its tendon is commanded (m, or N for a tension drive) where the servo has pulled by `pull` after its backlash:
+    /// `straight` is the tendon's length in the straight pose (m).
+    pub fn command(&self, drive: Drive, straight: f64, pull: f64) -> f64 {
+        let pull = self.gain * pull + self.offset;
+        match drive {
+            Drive::Tension => pull.max(0.0),
+            Drive::Gain(_) | Drive::Length => (straight - pull).max(0.0),
+        }
+    }
+}
+
 /// A measured point on a disc.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Marker {
@@ -212,16 +230,11 @@ impl Transmission {
                 let mut pulls = DVector::from_iterator(speeds[row].len(), delayed);
                 if let Some(last) = &played {
                     for (t, pull) in pulls.iter_mut().enumerate() {
-                        let play = self.servos[t].backlash;
-                        *pull = last[t].clamp(*pull - play, *pull + play);
+                        *pull = self.servos[t].play(last[t], *pull);
                     }
                 }
                 let command = (0..pulls.len()).map(|t| {
-                    let pull = self.servos[t].gain * pulls[t] + self.servos[t].offset;
-                    match robot.tendons()[t].drive {
-                        Drive::Tension => pull.max(0.0),
-                        Drive::Gain(_) | Drive::Length => (lengths[t] - pull).max(0.0),
-                    }
+                    self.servos[t].command(robot.tendons()[t].drive, lengths[t], pulls[t])
                 });
                 let command = command.collect();
                 played = (recording.order == Order::Motion).then_some(pulls);

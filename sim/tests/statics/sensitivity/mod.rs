@@ -4,3 +4,4 @@ mod case;
 mod parameters;
 mod random;
 mod special;
+mod tendons;

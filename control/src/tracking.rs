@@ -1,0 +1,345 @@
+//! A plant, an estimator and a controller along a path, watched over.
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector3;
+use tdcr_sim::robot::{Command, CommandError, Loads, Robot};
+use thiserror::Error;
+
+use crate::belief::{Belief, BeliefError};
+use crate::controller::{Controller, Limits, Moment};
+use crate::estimator::{Estimated, Estimator, EstimatorSettings};
+use crate::lag::{Delay, Lag};
+use crate::plant::{Measurement, Plant, PlantError};
+use crate::tip_path::TipPath;
+use crate::watch::{Incident, Watch, WatchSettings};
+
+/// How a path is tracked.
+#[derive(Clone, Debug)]
+pub struct TrackingSettings {
+    /// Time before the path's start in which the tip is led to its first point (s); errors count from the start.
+    pub approach: f64,
+    /// Loads that are known of.
+    pub loads: Loads,
+    /// What is estimated, and how measurements are weighed.
+    pub estimator: EstimatorSettings,
+    /// From a command to when the tendons get it.
+    pub delay: Delay,
+    /// What commands must keep.
+    pub limits: Limits,
+    /// When the robot holds or stops.
+    pub watch: WatchSettings,
+}
+
+/// One period of a run.
+#[derive(Clone, Debug)]
+pub struct TrackingRow {
+    /// Time from the path's start (s); below 0 in the approach.
+    pub time: f64,
+    /// Where the tip is to be (m, world frame).
+    pub target: Vector3<f64>,
+    /// Where it was measured (m).
+    pub measured: Option<Vector3<f64>>,
+    /// Where it is: in truth where the plant knows it, else as measured (m).
+    pub tip: Option<Vector3<f64>>,
+    /// The command given (m or N).
+    pub command: Vec<f64>,
+    /// Tensions as measured (N).
+    pub tensions: Option<Vec<f64>>,
+    /// What is known of each unknown.
+    pub estimated: Vec<Estimated>,
+    /// Periods from a command to when the tendons get it, as far as is known.
+    pub delay: usize,
+    /// Why the last command was held in place of a new one.
+    pub held: Option<String>,
+}
+
+/// A run along a path.
+#[derive(Clone, Debug)]
+pub struct Tracking {
+    /// Name of the controller.
+    pub controller: &'static str,
+    /// The periods, the approach's included.
+    pub rows: Vec<TrackingRow>,
+    /// What went wrong, and when.
+    pub incidents: Vec<Incident>,
+    /// Why the run ended before the path did.
+    pub stopped: Option<String>,
+    /// What measurements did not tell, by name.
+    pub untold: Vec<String>,
+    /// The robot's length (m).
+    pub length: f64,
+}
+
+/// Why a path cannot be tracked.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum TrackingError {
+    /// The plant failed.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The model is none.
+    #[error(transparent)]
+    Model(#[from] BeliefError),
+    /// The first command is of another robot.
+    #[error(transparent)]
+    Command(#[from] CommandError),
+    /// An approach of no length.
+    #[error("the approach takes {0} s; expected a finite time, 0 or above")]
+    Approach(f64),
+    /// More periods than anybody waits for.
+    #[error("path and approach take {0} periods; expected at most {MOST_PERIODS}")]
+    Periods(f64),
+    /// Limits of another robot.
+    #[error("there are limits of {found} tendons; the robot has {expected}")]
+    Limits {
+        /// Those given.
+        found: usize,
+        /// The robot's tendons.
+        expected: usize,
+    },
+}
+
+impl Tracking {
+    /// Distance of the tip from its target in each period of the path where it is known: time (s) and distance (m).
+    pub fn errors(&self) -> Vec<[f64; 2]> {
+        let on_path = self.rows.iter().filter(|row| row.time >= 0.0);
+        on_path
+            .filter_map(|row| Some([row.time, (row.tip? - row.target).norm()]))
+            .collect()
+    }
+
+    /// Root mean square of these distances (m); `None` where the path was not begun.
+    pub fn rms_error(&self) -> Option<f64> {
+        let errors = self.errors();
+        let squares: f64 = errors.iter().map(|[_, error]| error * error).sum();
+        (!errors.is_empty()).then(|| (squares / errors.len() as f64).sqrt())
+    }
+
+    /// The largest of them (m).
+    pub fn largest_error(&self) -> Option<f64> {
+        self.errors()
+            .into_iter()
+            .map(|[_, error]| error)
+            .reduce(f64::max)
+    }
+}
+
+/// The most periods of a run: a week at 20 Hz.
+const MOST_PERIODS: f64 = 12_096_000.0;
+
+/// Share of the approach in which the target moves; in the rest it waits at the path's first point.
+const LEADING: f64 = 0.5;
+
+/// Leads the tip of `plant`, whose model is `robot` and whose tendons are under `start`, along `path` by `controller`. Each period it
+/// measures, estimates, asks the controller, and commands. `each` sees every period, and may end the run by `false`.
+///
+/// # Errors
+/// [`TrackingError`]; sensors and models that fail for a while are no errors but [`Incident`]s.
+pub fn track(
+    plant: &mut dyn Plant,
+    robot: &Robot,
+    start: &Command,
+    path: &TipPath,
+    controller: &mut dyn Controller,
+    settings: &TrackingSettings,
+    each: &mut dyn FnMut(&TrackingRow) -> bool,
+) -> Result<Tracking, TrackingError> {
+    let mut run = Run::new(plant, robot, start, controller, settings)?;
+    let period = plant.period();
+    let all = (settings.approach + path.duration()) / period;
+    if !(0.0..=MOST_PERIODS).contains(&all) {
+        return Err(TrackingError::Periods(all));
+    }
+    let periods = |time: f64| (time / period).round() as i64;
+    let (first, last) = (-periods(settings.approach), periods(path.duration()));
+    let mut lead_from = None;
+    for k in first..=last {
+        let measurement = plant.measure()?.finite();
+        let tip = run.measured_tip(&measurement);
+        let from = *lead_from.get_or_insert_with(|| tip.unwrap_or(path.at(0.0)));
+        let target = |ahead: usize| {
+            let time = (k + ahead as i64) as f64 * period;
+            target_at(path, settings.approach, from, time)
+        };
+        let row = run.step(
+            plant,
+            controller,
+            k as f64 * period,
+            &measurement,
+            tip,
+            &target,
+        )?;
+        let goes_on = each(&row);
+        run.tracking.rows.push(row);
+        if run.tracking.stopped.is_none() && !goes_on {
+            run.tracking.stopped = Some("it was interrupted".to_owned());
+        }
+        if run.tracking.stopped.is_some() {
+            break;
+        }
+        if k < last {
+            plant.command(&run.command(robot)?)?;
+        }
+    }
+    Ok(run.finish())
+}
+
+/// Where the tip is to be at `time` (s, from the path's start): before it, on the way from where the tip was found, at rest at both ends.
+fn target_at(path: &TipPath, approach: f64, from: Vector3<f64>, time: f64) -> Vector3<f64> {
+    if time >= 0.0 || approach <= 0.0 {
+        return path.at(time);
+    }
+    let part = ((time + approach) / (LEADING * approach)).clamp(0.0, 1.0);
+    // Cubic, without a jump of the speed.
+    from.lerp(&path.at(0.0), part * part * (3.0 - 2.0 * part))
+}
+
+/// State of a run.
+struct Run<'s> {
+    settings: &'s TrackingSettings,
+    estimator: Estimator,
+    given: Belief,
+    watch: Watch,
+    lag: Lag,
+    /// The last commands, the newest first: as many as may be on their way, and one more.
+    commands: VecDeque<Vec<f64>>,
+    tip_disc: usize,
+    period: f64,
+    tracking: Tracking,
+}
+
+impl<'s> Run<'s> {
+    fn new(
+        plant: &dyn Plant,
+        robot: &Robot,
+        start: &Command,
+        controller: &dyn Controller,
+        settings: &'s TrackingSettings,
+    ) -> Result<Self, TrackingError> {
+        if !(settings.approach.is_finite() && settings.approach >= 0.0) {
+            return Err(TrackingError::Approach(settings.approach));
+        }
+        let tendons = robot.tendons().len();
+        let limits = &settings.limits;
+        for found in [limits.low.len(), limits.high.len(), limits.step.len()] {
+            if found != tendons {
+                return Err(TrackingError::Limits {
+                    found,
+                    expected: tendons,
+                });
+            }
+        }
+        let start = robot.command(start.as_slice())?.as_slice().to_vec();
+        let length = robot.arc_lengths().last().copied().unwrap_or(0.0);
+        Ok(Self {
+            settings,
+            estimator: Estimator::new(robot, &settings.loads, settings.estimator.clone())?,
+            given: Belief::new(robot, &settings.loads, &[])?,
+            watch: Watch::new(settings.watch, plant.period(), length),
+            lag: Lag::new(settings.delay),
+            commands: vec![start; settings.delay.most() + 1].into(),
+            tip_disc: robot.discs().len() - 1,
+            period: plant.period(),
+            tracking: Tracking {
+                controller: controller.name(),
+                rows: Vec::new(),
+                incidents: Vec::new(),
+                stopped: None,
+                untold: Vec::new(),
+                length,
+            },
+        })
+    }
+
+    /// Where the tip was measured; where other points were, where the model has it after they were taken in is in [`Run::step`].
+    fn measured_tip(&self, measurement: &Measurement) -> Option<Vector3<f64>> {
+        measurement.origin_of(self.tip_disc)
+    }
+
+    fn command(&self, robot: &Robot) -> Result<Command, CommandError> {
+        robot.command(&self.commands[0])
+    }
+
+    /// One period up to its command.
+    fn step(
+        &mut self,
+        plant: &dyn Plant,
+        controller: &mut dyn Controller,
+        time: f64,
+        measurement: &Measurement,
+        measured: Option<Vector3<f64>>,
+        target: &dyn Fn(usize) -> Vector3<f64>,
+    ) -> Result<TrackingRow, TrackingError> {
+        let now = self.commands[0].clone();
+        self.lag.measure(measured);
+        let acting = self.commands[self.lag.periods()].clone();
+        let estimated = self.estimator.update(&acting, measurement, self.period);
+        let mut held = estimated.err().map(|error| error.to_string());
+        // Without the tip itself, other points tell where the model has it.
+        let tip = match (measured, measurement.sightings.is_empty()) {
+            (Some(tip), _) => Some(tip),
+            (None, false) => self.estimator.belief().tip(&acting).ok(),
+            (None, true) => None,
+        };
+        let is_closed_loop = controller.is_closed_loop();
+        if tip.is_none() && is_closed_loop {
+            held = Some("the tip is not seen".to_owned());
+        }
+        let mut next = now.clone();
+        if held.is_none() || !is_closed_loop {
+            let mut moment = Moment {
+                period: self.period,
+                tip: tip.unwrap_or_else(|| target(0)),
+                target,
+                lead: 1 + self.lag.periods(),
+                estimated: self.estimator.belief(),
+                given: &mut self.given,
+                command: &now,
+                acting: &acting,
+                limits: &self.settings.limits,
+                tensions: measurement.tensions.as_deref(),
+            };
+            match controller.propose(&mut moment) {
+                Ok(proposed) => (next, held) = (proposed, None),
+                Err(error) => held = Some(error.to_string()),
+            }
+        }
+        let next = self.settings.limits.admit(&now, next);
+        let error = tip.map(|tip| (tip - target(0)).norm());
+        let moved = (next.iter().zip(&now).enumerate())
+            .map(|(t, (a, b))| ((a - b) / self.settings.limits.step[t]).abs())
+            .fold(0.0, f64::max);
+        let tracking = &mut self.tracking;
+        if let Some(incident) = self.watch.see(time, error, moved, held.as_deref()) {
+            if incident.is_end {
+                tracking.stopped = Some(incident.reason.clone());
+            }
+            tracking.incidents.push(incident);
+        }
+        let model = self.estimator.belief();
+        let ends = [model.tip(&next), model.tip(&now)];
+        self.lag.command(match ends {
+            [Ok(next), Ok(now)] => next - now,
+            _ => Vector3::zeros(),
+        });
+        self.commands.push_front(next.clone());
+        self.commands.truncate(self.settings.delay.most() + 1);
+        Ok(TrackingRow {
+            time,
+            target: target(0),
+            measured,
+            tip: plant.true_tip().or(tip),
+            command: next,
+            tensions: measurement.tensions.clone(),
+            estimated: self.estimator.estimated(),
+            delay: self.lag.periods(),
+            held,
+        })
+    }
+
+    fn finish(mut self) -> Tracking {
+        self.tracking.untold = self.estimator.untold();
+        self.tracking
+    }
+}

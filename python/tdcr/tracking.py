@@ -1,0 +1,257 @@
+"""Closed loop: a tip led along a path by a controller, on a simulated robot or on a plant of one's own (:func:`track`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, as_count, as_float, as_floats, as_number, as_text
+from tdcr._files import as_path
+from tdcr._results import Result
+from tdcr.data import PathLike
+from tdcr.errors import DataError, InputError
+from tdcr.robot import Robot, RobotLike, as_robot
+from tdcr.scene import Scene, as_scene, nothing
+
+
+class Plant(Protocol):
+    """What :func:`track` needs of a robot: any object with these three methods."""
+
+    def period(self) -> float:
+        """Time from one command to the next (s)."""
+        ...
+
+    def measure(self) -> Mapping[str, Any]:
+        """What the sensors say now: ``"tip"``, the distal disc's origin (3 numbers, m, world frame), ``"tensions"`` (N) and
+        ``"lengths"`` (m) of the tendons. Each may be missing, None or NaN where a sensor says nothing."""
+        ...
+
+    def command(self, command: Floats) -> None:
+        """Commands the tendons, shape (tendons,) (m or N), and returns when a period has passed."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tracking(Result):
+    """A run along a path, one row a period; those of the approach have times below 0.
+
+    Attributes:
+        times: From the path's start, shape (periods,) (s).
+        targets: Where the tip was to be, shape (periods, 3) (m).
+        tips: Where it was, shape (periods, 3) (m); NaN where that is not known.
+        commands: Shape (periods, tendons) (m or N).
+        tensions: As measured, shape (periods, tendons) (N); NaN where they were not.
+        unknowns: Names of what was estimated.
+        estimates: Their values, shape (periods, unknowns).
+        deviations: Standard deviations of these.
+        open_loop: Times (s) and errors (m) of the open loop on the same robot, shape (periods, 2); None of a plant of one's own.
+        summary: What ``tdcr track --json`` prints: ``rms_error`` (m), ``rms_error_percent`` of the length,
+            ``rms_error_open_loop`` (m), ``untold``, ``incidents``, ``stopped`` and more.
+    """
+
+    times: Floats
+    targets: Floats
+    tips: Floats
+    commands: Floats
+    tensions: Floats
+    unknowns: tuple[str, ...]
+    estimates: Floats
+    deviations: Floats
+    open_loop: Floats | None
+    summary: dict[str, Any]
+
+
+def track(
+    robot: RobotLike,
+    path: Any,
+    *,
+    plant: Plant | None = None,
+    controller: str = "resolved-rate",
+    diameter: float = 0.06,
+    duration: float = 20.0,
+    centre: Any = None,
+    period: float = 0.05,
+    approach: float = 4.0,
+    rate: float | None = None,
+    tension: Any = None,
+    truth: RobotLike | None = None,
+    scene: Scene | None = None,
+    payload: float = 0.0,
+    friction: float = 0.0,
+    backlash: float = 0.0,
+    gain_error: float = 0.0,
+    delay: float = 0.0,
+    noise: float = 0.0,
+    tension_noise: float = 0.0,
+    timestep: float | None = None,
+    start: Any = None,
+    seed: int = 0,
+    report: PathLike | None = None,
+) -> Tracking:
+    """Leads a robot's tip along a path by a controller; as ``tdcr track``. The guide is :doc:`/control`.
+
+    Args:
+        robot: The robot, as the controller models it.
+        path: ``"circle"``, ``"eight"``, ``"square"``, ``"lissajous"``, or rows of t, x, y, z, shape (n, 4) (s, m, world frame).
+        plant: A robot of one's own. Without one it is simulated, and differs from the model as the arguments from ``truth`` on
+            say; those are for simulated robots only.
+        controller: ``"inverse"`` (open loop), ``"resolved-rate"`` or ``"mpc"``.
+        diameter: Width of a curve that is named (m).
+        duration: Time in which it is run through (s).
+        centre: Its centre, shape (3,) (m); where the robot reaches it unless given.
+        period: Time between commands (s); a plant of one's own has its own.
+        approach: Time before the path in which the tip is led to its first point (s).
+        rate: Largest change of a command in a second (m/s or N/s); half of each tendon's range unless given.
+        tension: Smallest and largest tension that commands may lead to, shape (2,) (N).
+        truth: The simulated robot; ``robot`` unless given.
+        scene: Obstacles around it.
+        payload: Mass hung from its tip that the controller does not know of (kg).
+        friction: Coefficient of friction of its tendons in their holes.
+        backlash: Play between each servo and its tendon, its whole width (m or N).
+        gain_error: Share by which each spool pulls too much or too little, by a sign drawn for each.
+        delay: Time from a command to when the tendons get it (s).
+        noise: Standard deviation of the tip's measured coordinates (m).
+        tension_noise: Standard deviation of measured tensions (N).
+        timestep: Time step of a robot in motion (s); without it the robot is always at rest.
+        start: What the tendons of ``plant`` are commanded now, shape (tendons,); the model's command for the path's first point
+            unless given.
+        seed: Seed of noise, of the signs of ``gain_error``, and of the search for the first command.
+        report: An HTML page to write: error, path, commands, tensions, estimated payload.
+
+    Raises:
+        InputError: For paths, plants and numbers that are none; what a plant raises is raised again.
+        DataError: For a page that cannot be written.
+    """
+    model = as_robot(robot)
+    page = None if report is None else as_path(report, "report")
+    way = _path(model, path, centre, as_number(diameter, "diameter"), as_number(duration, "duration"))
+    named = as_text(controller, "controller")
+    number = as_count(seed, "seed", 0, 2**64 - 1)
+    settings = (
+        _positive(period, "period"),
+        _not_negative(approach, "approach"),
+        None if rate is None else as_number(rate, "rate"),
+        None if tension is None else as_float(tension, "tension", (2,)).tolist(),
+    )
+    differs = {
+        "payload": payload,
+        "friction": friction,
+        "backlash": backlash,
+        "gain_error": gain_error,
+        "delay": delay,
+        "noise": noise,
+        "tension_noise": tension_noise,
+    }
+    numbers = {name: _not_negative(value, name) for name, value in differs.items()}
+    step = None if timestep is None else _positive(timestep, "timestep")
+    if step is not None and numbers["friction"] > 0.0:
+        raise InputError("friction is given beside timestep: tendons with friction cannot be simulated in motion")
+    if plant is not None:
+        return _on_plant(plant, model, way, start, named, settings, number, page, numbers, truth, scene, step)
+    if start is not None:
+        raise InputError("start is given without a plant: a simulated robot starts at the path's first point")
+    true = model if truth is None else as_robot(truth)
+    if true.tendons != model.tendons:
+        raise InputError(f"truth has {true.tendons} tendons, and robot {model.tendons}; expected as many")
+    text, rows, open_loop, html = _tdcr.track_simulated(
+        model._native,
+        true._native,
+        (nothing() if scene is None else as_scene(scene))._native,
+        way,
+        named,
+        settings,
+        (
+            numbers["payload"],
+            numbers["friction"],
+            numbers["backlash"],
+            numbers["gain_error"],
+            numbers["delay"],
+            numbers["noise"],
+            numbers["tension_noise"],
+            step,
+        ),
+        number,
+    )
+    _write(page, html)
+    return _tracking(text, rows, open_loop)
+
+
+def _on_plant(
+    plant: Plant,
+    model: Robot,
+    way: _tdcr.TipPathOf,
+    start: Any,
+    controller: str,
+    settings: tuple[float, float, float | None, list[float] | None],
+    seed: int,
+    page: str | None,
+    numbers: dict[str, float],
+    truth: Any,
+    scene: Any,
+    step: float | None,
+) -> Tracking:
+    for name in ("period", "measure", "command"):
+        if not callable(getattr(plant, name, None)):
+            raise InputError(f"plant is {plant!r}; expected an object with the methods period, measure and command")
+    given = [name for name, value in numbers.items() if value != 0.0]
+    given += [name for name, value in {"truth": truth, "scene": scene, "timestep": step}.items() if value is not None]
+    if given:
+        raise InputError(f"{', '.join(given)}: these are of simulated robots; leave them out beside plant")
+    first = None if start is None else as_float(start, "start", (model.tendons,))
+    text, rows, html = _tdcr.track_plant(plant, model._native, way, first, controller, settings, seed)
+    _write(page, html)
+    return _tracking(text, rows, None)
+
+
+def _path(robot: Robot, path: Any, centre: Any, diameter: float, duration: float) -> _tdcr.TipPathOf:
+    if isinstance(path, str):
+        middle = None if centre is None else as_float(centre, "centre", (3,)).tolist()
+        return _tdcr.TipPathOf.curve(robot._native, path, middle, diameter, duration)
+    rows = as_floats(path, "path")
+    if rows.ndim != 2 or rows.shape[1] != 4:
+        raise InputError(f"path has shape {rows.shape}; expected rows of t, x, y, z, or the name of a curve")
+    return _tdcr.TipPathOf.rows(rows)
+
+
+def _positive(value: Any, name: str) -> float:
+    number = as_number(value, name)
+    if number <= 0.0:
+        raise InputError(f"{name} is {number}; expected a number above 0")
+    return number
+
+
+def _not_negative(value: Any, name: str) -> float:
+    number = as_number(value, name)
+    if number < 0.0:
+        raise InputError(f"{name} is {number}; expected a number, 0 or above")
+    return number
+
+
+def _write(page: str | None, html: str) -> None:
+    if page is None:
+        return
+    try:
+        Path(page).write_text(html, encoding="utf-8")
+    except OSError as error:
+        raise DataError(f"cannot write {page}: {error.strerror}") from error
+
+
+def _tracking(text: str, rows: tuple[Floats, ...], open_loop: Floats | None) -> Tracking:
+    times, targets, tips, commands, tensions, estimates, deviations = rows
+    summary: dict[str, Any] = json.loads(text)
+    return Tracking(
+        times=times,
+        targets=targets,
+        tips=tips,
+        commands=commands,
+        tensions=tensions,
+        unknowns=tuple(found["name"] for found in summary["estimated"]),
+        estimates=estimates,
+        deviations=deviations,
+        open_loop=open_loop,
+        summary=summary,
+    )

@@ -1,0 +1,176 @@
+//! `tdcr track`.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::Args;
+use tdcr::control::tip_path::TipPath;
+use tdcr::pipeline::Monitor;
+use tdcr::sim::robot::{Robot, RobotSpec};
+use tdcr::track::{
+    TrackOptions, TrackSummary, TruthOptions, closed_path, curve_named, headline, page,
+    path_of_rows, table, track_simulated,
+};
+
+use super::console::{Console, Interrupted};
+use super::loads::vector;
+use super::output;
+use super::scene::SceneArgs;
+use super::track_path::read_path;
+
+/// Lead the tip along a path by a controller, on a simulated robot that differs from the controller's model
+///
+/// Beside it the same robot is driven in open loop. The folder gets run.csv (a line for each period: target, tip, commands, tensions,
+/// estimates) and open-loop.csv.
+#[derive(Debug, Args)]
+pub(super) struct TrackArgs {
+    #[command(flatten)]
+    robot: super::RobotArg,
+    /// The simulated robot: 2m, 3m, 5m, or a robot file [default: --robot]
+    #[arg(long, value_name = "ROBOT")]
+    truth: Option<String>,
+    /// A rig in place of a simulated robot
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// circle, eight, square, lissajous, or a CSV file of columns t, x, y, z (s, m)
+    #[arg(long, value_name = "PATH")]
+    path: String,
+    /// Width of a curve that is named (m)
+    #[arg(long, default_value_t = 0.06, value_name = "M", value_parser = super::positive)]
+    diameter: f64,
+    /// Time in which a curve that is named is run through (s)
+    #[arg(long, default_value_t = 20.0, value_name = "S", value_parser = super::positive)]
+    duration: f64,
+    /// Centre of a curve that is named, world frame (m) [default: below the tip of the straight robot]
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    centre: Option<[f64; 3]>,
+    #[command(flatten)]
+    options: TrackOptions,
+    #[command(flatten)]
+    different: TruthOptions,
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Folder of the run's tables
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Write an HTML page: error, path, commands, tensions, estimated payload
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+impl TrackArgs {
+    fn path(&self, robot: &Robot) -> anyhow::Result<TipPath> {
+        if let Some(shape) = curve_named(&self.path) {
+            let path = closed_path(robot, shape, self.centre, self.diameter, self.duration);
+            return Ok(path?);
+        }
+        let file = Path::new(&self.path);
+        if !file.exists() {
+            bail!(
+                "--path {} is neither a file nor a curve; expected circle, eight, square, lissajous, or a CSV file of columns t, x, y, z",
+                self.path
+            );
+        }
+        path_of_rows(&read_path(file)?).with_context(|| format!("{} is no path", file.display()))
+    }
+}
+
+pub(super) fn run(args: &TrackArgs, console: &Console) -> anyhow::Result<()> {
+    if let Some(rig) = &args.rig {
+        bail!(
+            "--rig {}: paths are tracked on simulated robots only; leave out --rig",
+            rig.display()
+        );
+    }
+    if let Some(out) = &args.out {
+        output::folder("--out", out, "a folder for the run's tables")?;
+    }
+    if let Some(report) = &args.report {
+        output::format("--report", report, &["html"])?;
+    }
+    let robot = Robot::new(args.robot.load()?)?;
+    let truth: RobotSpec = match &args.truth {
+        Some(name) => super::load_robot(name)?,
+        None => robot.spec().clone(),
+    };
+    if truth.tendon_count() != robot.tendons().len() {
+        bail!(
+            "--truth has {} tendons, and --robot {}; expected as many",
+            truth.tendon_count(),
+            robot.tendons().len()
+        );
+    }
+    let truth = args
+        .different
+        .truth(&truth, args.scene.load()?, &args.options)?;
+    let path = args.path(&robot)?;
+    let mut goes_on = |_: &_| !console.interrupted();
+    let tracked = track_simulated(&robot, &truth, &path, &args.options, &mut goes_on)?;
+    if let Some(out) = &args.out {
+        fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+        output::write(&out.join("run.csv"), table(&robot, &tracked.run))?;
+        if let Some(open_loop) = &tracked.open_loop {
+            output::write(&out.join("open-loop.csv"), table(&robot, open_loop))?;
+        }
+    }
+    if console.interrupted() {
+        return Err(Interrupted.into());
+    }
+    let summary = TrackSummary::new(&robot, &tracked);
+    if let Some(report) = &args.report {
+        output::write(report, page(&robot, &tracked, settings(args)).to_html())?;
+    }
+    console.result(&summary, |summary| {
+        let mut text = headline(summary);
+        text.push('\n');
+        for incident in &summary.incidents {
+            text += &format!("at {:.2} s: {}\n", incident.time, incident.reason);
+        }
+        if let Some(payload) = summary
+            .estimated
+            .iter()
+            .find(|found| found.name == "payload")
+        {
+            let [value, band] = [payload.value, payload.deviation].map(|mass| 1e3 * mass);
+            text += &format!("estimated payload {value:.1} g, standard deviation {band:.1} g\n");
+        }
+        if !summary.untold.is_empty() {
+            text += &format!(
+                "not told by the measurements: {}\n",
+                summary.untold.join(", ")
+            );
+        }
+        text
+    })
+}
+
+/// What was run, for the page.
+fn settings(args: &TrackArgs) -> Vec<(String, String)> {
+    let different = &args.different;
+    let motion = match different.timestep {
+        Some(step) => format!("in motion, time steps of at most {step} s"),
+        None => "at rest".to_owned(),
+    };
+    [
+        ("Path", args.path.clone()),
+        (
+            "Time between commands",
+            format!("{} s", args.options.period),
+        ),
+        ("Unknown payload", format!("{} kg", different.payload)),
+        ("Friction", format!("{}", different.friction)),
+        ("Backlash", format!("{}", different.backlash)),
+        ("Error of spools", format!("{}", different.gain_error)),
+        ("Delay", format!("{} s", different.delay)),
+        ("Noise of the tip", format!("{} m", different.noise)),
+        (
+            "Noise of tensions",
+            format!("{} N", different.tension_noise),
+        ),
+        ("Simulated", motion),
+        ("Seed", format!("{}", args.options.seed)),
+    ]
+    .map(|(name, value)| (name.to_owned(), value))
+    .to_vec()
+}

@@ -1,0 +1,160 @@
+//! `tdcr track`: tips led along paths.
+
+use std::fs;
+
+use serde_json::Value;
+
+use super::{refuse, succeed, succeed_json, text};
+
+/// Hung by its base, so that 20 g straighten it.
+const HANGING: &str = "examples/hanging-2m.toml";
+
+/// A circle in 4 s.
+const CIRCLE: [&str; 7] = [
+    "track",
+    "--robot",
+    HANGING,
+    "--path",
+    "circle",
+    "--duration",
+    "4",
+];
+
+fn tracked(options: &[&str]) -> Value {
+    succeed_json(&[&CIRCLE, options].concat())
+}
+
+fn number(value: &Value, key: &str) -> f64 {
+    value[key]
+        .as_f64()
+        .unwrap_or_else(|| panic!("no {key} in {value}"))
+}
+
+#[test]
+fn a_circle_is_tracked_under_a_payload_that_nobody_knows_of() {
+    for controller in ["resolved-rate", "mpc"] {
+        let found = tracked(&["--payload", "0.02", "--controller", controller]);
+        assert_eq!(found["controller"], controller);
+        assert!(number(&found, "rms_error_percent") < 0.1, "{found}");
+        assert!(number(&found, "rms_error_open_loop") > 30.0 * number(&found, "rms_error"));
+        let payload = &found["estimated"][0];
+        assert_eq!(payload["name"], "payload");
+        assert!((number(payload, "value") - 0.02).abs() < 1e-3, "{payload}");
+        assert_eq!(found["stopped"], Value::Null);
+    }
+}
+
+#[test]
+fn the_open_loop_is_the_run_where_it_is_the_controller() {
+    let found = tracked(&["--controller", "inverse", "--payload", "0.01"]);
+    assert_eq!(found["rms_error"], found["rms_error_open_loop"]);
+    assert!(number(&found, "rms_error_percent") > 1.0);
+}
+
+#[test]
+fn the_run_is_a_table_and_a_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let [out, page] = ["run", "page.html"].map(|name| folder.path().join(name));
+    let options = [
+        "--out",
+        text(&out),
+        "--report",
+        text(&page),
+        "--delay",
+        "0.1",
+    ];
+    let said = succeed(&[&CIRCLE[..], &options].concat());
+    assert!(
+        said.starts_with("RMS error of the tip over 81 periods: "),
+        "{said}"
+    );
+    let table = fs::read_to_string(out.join("run.csv")).unwrap();
+    // 4 s of approach, 4 s of path, 20 periods a second, both ends, and the header.
+    assert_eq!(table.lines().count(), 162);
+    let columns = table.lines().next().unwrap().split(',').count();
+    assert_eq!(columns, 1 + 9 + 6 + 6 + 2 * 7 + 1);
+    assert!(table.lines().all(|line| line.split(',').count() == columns));
+    let open_loop = fs::read_to_string(out.join("open-loop.csv")).unwrap();
+    assert_eq!(open_loop.lines().count(), 162);
+    let page = fs::read_to_string(&page).unwrap();
+    for title in [
+        "Commands",
+        "Tensions",
+        "Estimated payload",
+        "Distance of the tip from its target",
+    ] {
+        assert!(page.contains(title), "{title}");
+    }
+}
+
+#[test]
+fn a_path_in_time_is_read_from_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("path.csv");
+    fs::write(
+        &path,
+        "z (m),t (s),x (m),y (m)\n0.326,0,0.03,0\n\n0.326,1,0.03,0.01\n",
+    )
+    .unwrap();
+    let found = succeed_json(&["track", "--robot", HANGING, "--path", text(&path)]);
+    assert_eq!(found["periods"], 21);
+    assert!(number(&found, "rms_error_percent") < 0.1, "{found}");
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("path.csv");
+    let track = ["track", "--robot", HANGING, "--path"];
+    refuse(
+        &[&track[..], &["triangle"]].concat(),
+        1,
+        "neither a file nor a curve",
+    );
+    fs::write(&path, "x,y,z\n0,0,0\n").unwrap();
+    refuse(
+        &[&track[..], &[text(&path)]].concat(),
+        1,
+        "line 1: the columns are x, y, z; expected t, x, y and z",
+    );
+    fs::write(&path, "t,x,y,z\n0,0,0,0.3\n0,0,0,0.3\n").unwrap();
+    refuse(
+        &[&track[..], &[text(&path)]].concat(),
+        1,
+        "expected times that ascend",
+    );
+    let with = |options: &[&'static str]| [&CIRCLE[..], options].concat();
+    refuse(
+        &with(&["--centre", "0,0,1"]),
+        1,
+        "out of reach of robot `2m-hanging`",
+    );
+    refuse(
+        &with(&["--rig", "examples/rig-sim.toml"]),
+        1,
+        "on simulated robots only",
+    );
+    refuse(
+        &with(&["--truth", "3m"]),
+        1,
+        "--truth has 9 tendons, and --robot 6",
+    );
+    refuse(
+        &with(&["--friction", "0.2", "--timestep", "0.01"]),
+        2,
+        "cannot be used with",
+    );
+    refuse(
+        &with(&["--friction", "3"]),
+        1,
+        "the coefficient of friction is 3; expected 0 to 2",
+    );
+    refuse(&with(&["--gain-error", "1.5"]), 2, "is no share");
+    refuse(&with(&["--period", "0"]), 2, "above 0");
+    refuse(&with(&["--tension", "5,1"]), 1, "tensions of 5 to 1 N");
+    refuse(
+        &with(&["--approach", "1e12"]),
+        1,
+        "periods; expected at most",
+    );
+}

@@ -1,0 +1,98 @@
+"""Tips led along paths: of simulated robots, and of plants in Python."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tdcr
+from tdcr.errors import InputError
+
+HANGING = tdcr.Robot({**tdcr.Robot("2m").to_dict(), "gravity": [0.0, 0.0, 9.81]})
+
+
+class Settling:
+    """A robot at rest, written here: it settles under its last command, and bears a payload that nobody knows of."""
+
+    def __init__(self, payload: float = 0.01) -> None:
+        self.settler = tdcr.Settler(HANGING)
+        self.payload = payload
+        self.now: tdcr.Equilibrium | None = None
+        self.commands: list[Any] = []
+
+    def period(self) -> float:
+        return 0.05
+
+    def measure(self) -> dict[str, Any]:
+        if self.now is None:
+            return {}
+        return {"tip": self.now.tip, "tensions": self.now.tendon_tensions, "lengths": None}
+
+    def command(self, command: Any) -> None:
+        self.commands.append(command)
+        self.now = self.settler.follow(command, payload=self.payload)
+
+
+def test_a_plant_of_ones_own_is_led_along_a_circle() -> None:
+    plant = Settling()
+    run = tdcr.track(HANGING, "circle", plant=plant, duration=4.0, approach=2.0)
+    assert run.summary["stopped"] is None
+    on_path = run.times >= 0.0
+    errors = np.linalg.norm(run.tips[on_path] - run.targets[on_path], axis=1)
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(run.summary["rms_error"])
+    assert run.summary["rms_error_percent"] < 0.1
+    assert run.estimates[-1, run.unknowns.index("payload")] == pytest.approx(0.01, abs=1e-3)
+    # The last period has no command any more.
+    np.testing.assert_array_equal(plant.commands, run.commands[:-1])
+
+
+def test_what_a_plant_raises_is_raised_again() -> None:
+    class Broken(Settling):
+        def command(self, command: Any) -> None:
+            raise ZeroDivisionError("the bus is off")
+
+    with pytest.raises(ZeroDivisionError, match="the bus is off"):
+        tdcr.track(HANGING, "circle", plant=Broken(), duration=1.0)
+
+
+def test_plants_that_are_none_are_refused() -> None:
+    with pytest.raises(InputError, match="methods period, measure and command"):
+        tdcr.track(HANGING, "circle", plant=object())  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="payload: these are of simulated robots"):
+        tdcr.track(HANGING, "circle", plant=Settling(), payload=0.01)
+
+    class Short(Settling):
+        def measure(self) -> dict[str, Any]:
+            return {"tip": [0.0, 0.0]}
+
+    with pytest.raises(InputError, match="a tip of 2 numbers; expected 3"):
+        tdcr.track(HANGING, "circle", plant=Short(), duration=1.0)
+
+
+def test_a_simulated_robot_is_led_as_by_the_command_line(tmp_path: Path) -> None:
+    HANGING.save(tmp_path / "robot.toml")
+    report = tmp_path / "page.html"
+    run = tdcr.track(HANGING, "circle", duration=2.0, payload=0.01, delay=0.1, noise=1e-4, seed=3, report=report)
+    arguments = ["track", "--robot", str(tmp_path / "robot.toml"), "--path", "circle", "--duration", "2", "--payload", "0.01"]
+    arguments += ["--delay", "0.1", "--noise", "1e-4", "--seed", "3", "--json"]
+    command = [os.environ.get("TDCR", "tdcr"), *arguments]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert json.loads(printed) == run.summary
+    assert run.open_loop is not None and run.open_loop[:, 1].max() > 2 * run.summary["largest_error"]
+    assert "Estimated payload" in report.read_text()
+
+
+def test_rows_are_a_path_in_time() -> None:
+    tip = tdcr.settle(HANGING, [0.02, 0.02, 0.02, 0.015, 0.024, 0.024]).tip
+    rows = [[0.0, *tip], [1.0, tip[0] + 0.005, tip[1], tip[2]]]
+    run = tdcr.track(HANGING, rows, approach=1.0, controller="mpc")
+    assert run.times[-1] == pytest.approx(1.0)
+    np.testing.assert_allclose(run.targets[-1], rows[1][1:], atol=1e-12)
+    with pytest.raises(InputError, match="times that ascend"):
+        tdcr.track(HANGING, [rows[1], rows[0]])
