@@ -42,6 +42,7 @@ mod start;
 mod statics;
 mod study;
 mod study_outputs;
+mod study_scene;
 mod symmetry;
 mod tables;
 mod training;

@@ -9,6 +9,7 @@
 //! is a minimum of the energy, and its stability is told with the contacts in it. Steps of the solve are bounded by the clearance, so
 //! that no bead passes through an obstacle on the way from the straight pose.
 
+mod clearance;
 mod equations;
 mod friction;
 mod law;

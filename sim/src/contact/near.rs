@@ -106,7 +106,7 @@ pub(super) fn check_outside(
 
 impl Obstacle {
     /// Distance of a point in the world from the obstacle (m), below 0 inside.
-    fn distance(&self, point: &Vector3<f64>) -> f64 {
+    pub(super) fn distance(&self, point: &Vector3<f64>) -> f64 {
         let local = self.pose.inverse_transform_point(&(*point).into()).coords;
         match &self.shape {
             ObstacleShape::HalfSpace => local.z,

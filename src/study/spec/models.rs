@@ -234,7 +234,7 @@ impl Models {
         Ok(Probe::new(
             model,
             robot,
-            found.subject.base,
+            &found.subject,
             self.voxel,
             compared,
         ))
