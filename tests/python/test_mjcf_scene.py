@@ -21,7 +21,7 @@ COMMANDS = [
     [0.034, 0.007, 0.001, 0.026, 0.015, 0.019],
     [0.004, 0.03, 0.022, 0.02, 0.01, 0.03],
     [0.02, 0.005, 0.035, 0.03, 0.02, 0.01],
-    [0.03, 0.03, 0.002, 0.01, 0.012, 0.03],
+    [0.03, 0.012, 0.014, 0.005, 0.03, 0.02],
 ]
 
 
@@ -86,8 +86,8 @@ def test_a_robot_written_among_obstacles_reads_back_as_itself_and_they_as_theirs
     file.write_text(written("2m", scene, COMMANDS[0]))
     plain = tmp_path / "plain.xml"
     plain.write_text(tdcr.Robot("2m").to_mjcf(command=COMMANDS[0]))
-    with pytest.warns(UserWarning, match="beads of their own"):
-        robot = tdcr.Robot(file)
+    robot = tdcr.Robot(file)
+    assert any("beads of their own" in note for note in robot.notes)
     assert robot.to_dict() == tdcr.Robot(plain).to_dict()
     with pytest.warns(UserWarning, match="compliance of 1e-6"):
         read = tdcr.Scene.load(file)
@@ -107,23 +107,18 @@ def test_a_robot_written_among_obstacles_reads_back_as_itself_and_they_as_theirs
 def test_discs_that_touch_in_mujoco_are_those_that_touch_here() -> None:
     """Curled up, the tip of 5m presses discs below; neighbours overlap, and touch in neither."""
     robot = tdcr.Robot("5m")
-    rng = np.random.default_rng(4)
     low, high = robot.command_ranges.T
-    scene, touched = tdcr.Scene([]), 0
-    for command in low + (high - low) * rng.random((40, robot.tendons)):
+    scene = tdcr.Scene([])
+    for pull, tendon in [(0.9, 0), (1.0, 1)]:
+        command = high.copy()
+        command[tendon::3] += pull * (low - high)[tendon::3]
         settled = tdcr.settle(robot, command, scene=scene)
-        if not settled.converged or len(settled.contacts) == 0:
-            continue
-        touched += 1
+        assert settled.converged and len(settled.contacts) > 0
         model, data = model_of(written("5m", scene, command.tolist()))
         first = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "disc0")
         bodies = model.geom_bodyid[data.contact.geom[: data.ncon]] - first
         found = {tuple(sorted(pair)) for pair in bodies.tolist()}
-        ours = set(zip(settled.contacts.disc.tolist(), settled.contacts.other_disc.tolist(), strict=True))
-        assert found == ours
-        if touched == 3:
-            return
-    assert touched > 0
+        assert found == set(zip(settled.contacts.disc.tolist(), settled.contacts.other_disc.tolist(), strict=True))
 
 
 def test_what_has_no_counterpart_in_mujoco_is_warned_of() -> None:
