@@ -47,7 +47,7 @@ fn base_and_payload_go_into_a_model_alone() {
         &["--integrator", "rk4"],
     ] {
         let arguments = [&["export", "--format", "urdf"], option].concat();
-        refuse(&arguments, 1, "--command go with --format mjcf");
+        refuse(&arguments, 1, "--scene go with --format mjcf");
     }
     refuse(
         &["export", "--payload", "-1"],

@@ -24,6 +24,9 @@ pub struct Triangles {
     pub triangles: Vec<[u32; 3]>,
 }
 
+/// The ends of an edge, and the normals of the triangles that it is of.
+type Edge = ([Vector3<f64>; 2], Vec<Vector3<f64>>);
+
 impl Shape {
     /// Its surface at a pose (m); what is round has 36 corners around.
     pub fn triangles(&self, pose: &Isometry3<f64>) -> Triangles {
@@ -73,7 +76,7 @@ impl Triangles {
                 .entry([p.x, p.y, p.z].map(f64::to_bits))
                 .or_insert(next)
         };
-        let mut edges: HashMap<[usize; 2], ([Vector3<f64>; 2], Vec<Vector3<f64>>)> = HashMap::new();
+        let mut edges: HashMap<[usize; 2], Edge> = HashMap::new();
         for corners in self.corners() {
             let [a, b, c] = corners;
             let Some(normal) = (b - a).cross(&(c - a)).try_normalize(0.0) else {

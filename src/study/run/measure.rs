@@ -6,12 +6,13 @@ use nalgebra::{DMatrix, Matrix3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::chain::Configuration;
-use tdcr_sim::contact::{ContactEquilibrium, ContactSettler};
+use tdcr_sim::contact::ContactEquilibrium;
 use tdcr_sim::pose::ToolFrame;
 use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::sensitivity::Sensitivity;
 use tdcr_sim::statics::{Equilibrium, Examined, Stability};
 
+use super::solver::Solver;
 use crate::pipeline::Probed;
 use crate::study::outputs::table::Cell;
 use crate::study::outputs::tip_loop::TipLoop;
@@ -46,7 +47,7 @@ pub(super) struct Settled<'a> {
 /// # Errors
 /// What cannot be solved among obstacles, as text.
 pub(super) fn settle(
-    settler: &mut ContactSettler,
+    settler: &mut Solver,
     command: &Command,
     loads: &Loads,
 ) -> Result<f64, String> {
@@ -62,7 +63,7 @@ impl Settled<'_> {
     pub fn cells(
         &self,
         want: Output,
-        settler: &mut ContactSettler,
+        settler: &mut Solver,
         derivatives: Option<&Sensitivity>,
     ) -> Vec<Cell> {
         let numbers = |numbers: &[f64]| numbers.iter().copied().map(Cell::Number).collect();
@@ -158,13 +159,9 @@ impl Settled<'_> {
     }
 
     /// How far the loads move the tip, and how far down along gravity (m).
-    fn deflection(&self, settler: &mut ContactSettler) -> [f64; 2] {
-        let settled = settler.settle(self.command, &Loads::default());
-        let Some(unloaded) = settled
-            .ok()
-            .map(|found| &found.equilibrium)
-            .filter(|e| e.converged)
-        else {
+    fn deflection(&self, settler: &mut Solver) -> [f64; 2] {
+        let settled = settler.settle(self.command, &Loads::default()).ok();
+        let Some(unloaded) = settled.filter(|unloaded| unloaded.converged) else {
             return [f64::NAN; 2];
         };
         let moved = self.found.equilibrium.pose().tip().translation.vector
@@ -185,7 +182,7 @@ impl Settled<'_> {
 
     /// Stable equilibria found from random poses and the one reported, and the largest distance of their tips from the
     /// latter (m).
-    fn equilibria(&self, settler: &mut ContactSettler) -> (i64, f64) {
+    fn equilibria(&self, settler: &mut Solver) -> (i64, f64) {
         let tip = |equilibrium: &Equilibrium| equilibrium.pose().tip().translation.vector;
         let length = self.robot.arc_lengths().last().copied().unwrap_or(1.0);
         let mut found = vec![tip(&self.found.equilibrium)];
@@ -197,11 +194,7 @@ impl Settled<'_> {
                 .map(|_| UnitQuaternion::from_scaled_axis(Vector3::from_fn(|_, _| angle())));
             let start = Configuration(joints.collect());
             let settled = settler.settle_from(&start, self.command, self.loads);
-            let Ok(ContactEquilibrium {
-                equilibrium: settled,
-                ..
-            }) = settled
-            else {
+            let Ok(settled) = settled else {
                 continue;
             };
             let place = tip(settled);

@@ -1,10 +1,10 @@
 //! From a configuration's number to its row.
 
 use serde_json::Value;
-use tdcr_sim::contact::{ContactSensitivity, ContactSettler};
 use tdcr_sim::robot::Robot;
 
 use super::measure::{Settled, settle};
+use super::solver::Solver;
 use crate::pipeline::Probe;
 use crate::study::outputs::columns::{SETTLED, cell, columns, needs_tip};
 use crate::study::outputs::table::Cell;
@@ -27,7 +27,7 @@ type Compiled = (Vec<Value>, Result<Ready, String>);
 /// What configurations are computed with.
 struct Ready {
     robot: Robot,
-    settler: ContactSettler,
+    settler: Solver,
     /// The model that is tried on the robot.
     probe: Option<Probe>,
 }
@@ -79,7 +79,7 @@ impl<'a> Worker<'a> {
             cells.resize(width, Cell::Empty);
         }
         let seconds = settle(settler, &command, &loads)?;
-        let found = settler.found().clone();
+        let found = settler.found();
         let equilibrium = &found.equilibrium;
         if let Some(failure) = equilibrium.failure(robot, &command) {
             cells.push(Cell::Text(failure.to_string()));
@@ -105,7 +105,7 @@ impl<'a> Worker<'a> {
             )
         };
         let derivatives = match study.want.iter().any(needs) {
-            true => settler.sensitivity(&command, &loads).ok(),
+            true => settler.sensitivity(&command, &loads),
             false => None,
         };
         let settled = Settled {
@@ -121,8 +121,7 @@ impl<'a> Worker<'a> {
         };
         let tip = needs_tip(study).then_some(Output::Tip);
         for want in tip.into_iter().chain(study.want.iter().copied()) {
-            let derivatives = derivatives.as_ref().map(ContactSensitivity::parameters);
-            cells.extend(settled.cells(want, settler, derivatives));
+            cells.extend(settled.cells(want, settler, derivatives.as_ref()));
         }
         Ok(cells)
     }
@@ -148,7 +147,7 @@ fn ready(study: &Study, settings: &[Setting]) -> Result<Ready, String> {
     let models = study.models.as_ref();
     let probe = models.map(|models| models.probe(settings, &robot, study.seed));
     Ok(Ready {
-        settler: ContactSettler::new(&robot, &case::scene(study, settings)?),
+        settler: Solver::new(&robot, &case::scene(study, settings)?),
         probe: probe.transpose()?,
         robot,
     })
