@@ -14,6 +14,7 @@ use tdcr::sim::robot::{ActsOn, Parameter, Payload, RobotSpec};
 
 use crate::arrays::array;
 use crate::errors::{Failure, Outcome, choice};
+use crate::scene::Scene;
 
 /// A validated robot. Immutable, and cheap to hand around.
 #[pyclass(frozen, module = "tdcr._tdcr")]
@@ -82,8 +83,13 @@ impl Robot {
         toml::to_string(self.0.spec()).map_err(|error| Failure::Of("RobotError", error.to_string()))
     }
 
-    /// The robot as a model in MuJoCo's format.
-    fn to_mjcf(&self, options: MjcfOptions) -> Outcome<String> {
+    /// The robot, in a scene if one is given, as a model in MuJoCo's format; with notes on what this has otherwise.
+    #[pyo3(signature = (options, scene=None))]
+    fn to_mjcf(
+        &self,
+        options: MjcfOptions,
+        scene: Option<PyRef<'_, Scene>>,
+    ) -> Outcome<(String, Vec<String>)> {
         let integrators = [
             ("euler", Integrator::Euler),
             ("implicitfast", Integrator::ImplicitFast),
@@ -102,8 +108,10 @@ impl Robot {
             timestep: options.dt,
             integrator: choice("integrator", &options.integrator, &integrators)?,
             command: options.command,
+            scene: scene.map(|scene| scene.0.clone()).unwrap_or_default(),
         };
-        Ok(mjcf::export(self.0.spec(), &options)?)
+        let text = mjcf::export(self.0.spec(), &options)?;
+        Ok((text, mjcf::scene_notes(&options.scene)))
     }
 
     /// The robot as URDF.

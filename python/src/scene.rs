@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf, absolute};
 
 use nalgebra::Translation3;
 use pyo3::prelude::*;
+use tdcr::sim::formats::mjcf;
 use tdcr::sim::scene::{SceneError, SceneSpec, SelfContact, ShapeSpec};
 
 use crate::arrays::quaternions;
@@ -33,9 +34,19 @@ impl Scene {
 
 #[pymethods]
 impl Scene {
-    /// The scene of a file. Meshes beside it are named by their absolute paths from then on.
+    /// The scene of a file, or that of a MuJoCo model, with notes on what was passed over. Meshes beside a scene's file are named by
+    /// their absolute paths from then on.
     #[staticmethod]
-    fn load(path: PathBuf) -> Outcome<Self> {
+    fn load(path: PathBuf) -> Outcome<(Self, Vec<String>)> {
+        let is_model = path
+            .extension()
+            .is_some_and(|ending| ending.eq_ignore_ascii_case("xml"));
+        if is_model {
+            let imported = mjcf::import_scene(&path)
+                .map_err(|error| Failure::Of("SceneError", error.to_string()))?;
+            let notes = imported.notes.iter().map(ToString::to_string).collect();
+            return Ok((Self::compile(imported.scene.spec()?)?, notes));
+        }
         let in_file = |error| SceneError::File {
             path: path.clone(),
             source: Box::new(error),
@@ -48,7 +59,7 @@ impl Scene {
                     .map_err(|error| in_file(SceneError::Read(error)))?;
             }
         }
-        Ok(Self::compile(spec).map_err(in_file)?)
+        Ok((Self::compile(spec).map_err(in_file)?, Vec::new()))
     }
 
     /// The scene of the JSON text of a scene's file.

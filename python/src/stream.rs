@@ -13,8 +13,8 @@ use crate::errors::{Failure, Outcome, text};
 use crate::options::sensor;
 use crate::robot::Robot;
 use crate::run;
+use crate::scene::Scene;
 use tdcr::pipeline::visibility;
-use tdcr::sim::scene::Scene;
 
 /// A condition (D,), points (N, 3) and colours (N, 3).
 type Arrays<'py> = (
@@ -39,6 +39,7 @@ pub struct Stream {
 #[pymethods]
 impl Stream {
     #[new]
+    #[pyo3(signature = (robot, base, payload, points, voxel, noise, seed, index, stride, reduction, scene=None))]
     #[expect(clippy::too_many_arguments, reason = "the settings of a stream")]
     fn new(
         robot: &Robot,
@@ -51,13 +52,14 @@ impl Stream {
         index: u64,
         stride: u64,
         reduction: Option<&str>,
+        scene: Option<PyRef<'_, Scene>>,
     ) -> Outcome<Self> {
         let recipe = Recipe {
             subject: Subject {
                 robot: robot.0.spec().clone(),
                 base: visibility(base),
                 payload: payload.map(payload_range),
-                scene: Scene::default(),
+                scene: scene.map(|scene| scene.0.clone()).unwrap_or_default(),
             },
             voxel_size: voxel,
             sensor: sensor(noise)?,

@@ -9,24 +9,28 @@ use tdcr::study::{Finished, Study, StudyError, merge, run as run_study};
 use crate::errors::{Failure, Outcome};
 use crate::hint;
 use crate::run;
+use crate::scene::Scene;
 use crate::stage::Stage;
 
-/// Runs the study in the file `path`, or that of the JSON `text`, into the folder `out`, or a part of it: what `tdcr study --json`
+/// Runs the study in the file `path`, or that of the JSON `text`, into the folder `out`, or a part of it, among the obstacles of `scene` if
+/// one is given: what `tdcr study --json`
 /// says, and notes on what was passed over in robots' files of other tools. `progress` is told of configurations.
 #[pyfunction]
-#[pyo3(signature = (path, text, out, part = None, progress = None))]
+#[pyo3(signature = (path, text, out, part = None, scene = None, progress = None))]
 pub fn study(
     py: Python<'_>,
     path: PathBuf,
     text: Option<String>,
     out: PathBuf,
     part: Option<String>,
+    scene: Option<PyRef<'_, Scene>>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> Outcome<(String, Vec<String>)> {
     let part: Option<Part> = part.map(|part| part.parse()).transpose()?;
+    let scene = scene.map(|scene| scene.0.clone());
     let (study, notes) = match text {
-        None => Study::load_with_notes(&path)?,
-        Some(text) => Study::from_json_with_notes(&text, Path::new(""), &path)?,
+        None => Study::load_with_notes(&path, scene.as_ref())?,
+        Some(text) => Study::from_json_with_notes(&text, Path::new(""), &path, scene.as_ref())?,
     };
     let finished = run::long(py, progress, |watch| {
         run_study(&study, &out, part, &Stage::new(&["study"], watch))

@@ -15,6 +15,7 @@ use crate::options::options_of;
 use crate::predictor::named_precision;
 use crate::robot::Robot;
 use crate::run;
+use crate::scene::Scene;
 use crate::stage::Stage;
 
 /// Loss of every step; steps of validations and their Chamfer distances (m²); operand type of the products.
@@ -43,8 +44,8 @@ pub fn named_symmetry(name: &str) -> Outcome<SymmetryUse> {
 /// What a run trains on.
 #[derive(FromPyObject)]
 pub enum Source<'py> {
-    /// Robot and options of a stream, in JSON.
-    Stream(PyRef<'py, Robot>, String),
+    /// Robot of a stream, options in JSON, and a scene.
+    Stream(PyRef<'py, Robot>, String, Option<PyRef<'py, Scene>>),
     /// Folder of a data set.
     Set(PathBuf),
 }
@@ -57,9 +58,10 @@ impl Source<'_> {
                 let units = Model::load(model)?.provenance.normalisation;
                 TrainingData::SetIn(dir.clone(), Box::new(units))
             }
-            (Self::Stream(robot, options), _) => {
+            (Self::Stream(robot, options, scene), _) => {
                 let options: StreamOptions = options_of(options)?;
-                let stream = options.settings(robot.0.spec().clone(), asked.seed);
+                let scene = (scene.as_ref()).map_or_else(Default::default, |scene| scene.0.clone());
+                let stream = options.settings(robot.0.spec().clone(), scene, asked.seed);
                 TrainingData::Stream(Box::new(stream))
             }
         })

@@ -138,9 +138,10 @@ pub fn view(py: Python<'_>, frame: RgbdFrame) -> Outcome<View> {
     })
 }
 
-/// Clouds of a robot in each of several configurations, as its own cameras see them: points (m) and colours.
+/// Clouds of a robot in each of several configurations, as its own cameras see them: points (m) and colours. Obstacles
+/// of a scene hide what is behind them, and are not in the clouds.
 #[pyfunction]
-#[pyo3(signature = (robot, configurations, base, voxel, noise, seed, first, progress=None))]
+#[pyo3(signature = (robot, configurations, base, voxel, noise, seed, first, scene=None, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn clouds<'py>(
     py: Python<'py>,
@@ -151,6 +152,7 @@ pub fn clouds<'py>(
     noise: Option<&str>,
     seed: u64,
     first: u64,
+    scene: Option<PyRef<'_, Scene>>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> Outcome<Vec<Cloud<'py>>> {
     if !VoxelGrid::is_size(voxel) {
@@ -163,10 +165,12 @@ pub fn clouds<'py>(
         .map(|configuration| Placed::new(&robot, configuration))
         .collect::<Outcome<_>>()?;
     let sensor = sensor(noise)?;
+    let scene = scene.map(|scene| scene.0.clone()).unwrap_or_default();
     let robot = &robot.0;
     let seen = run::long(py, progress.as_ref(), |watch| {
         use rayon::prelude::*;
-        let observer = || Observer::new(robot, visibility(base), VoxelGrid::new(voxel));
+        let observer =
+            || Observer::new(robot, visibility(base), VoxelGrid::new(voxel)).among(&scene);
         let see = |observer: &mut Observer, (row, placed): (usize, &Placed)| {
             if watch.stopped() {
                 return PointCloud::default();

@@ -24,6 +24,7 @@ from tdcr.data import MOST, Dataset, Floats32, PathLike, as_payload, as_seed, fo
 from tdcr.errors import InputError
 from tdcr.predictor import Precision, Predictor, model_file
 from tdcr.robot import Robot
+from tdcr.scene import Scene, as_scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,6 +77,7 @@ def train(
     window: int = 512,
     fresh: int = 1,
     validation: PathLike | None = None,
+    scene: Scene | None = None,
     progress: Progress | None = None,
     **options: Unpack[TrainOptions],
 ) -> Run:
@@ -97,6 +99,7 @@ def train(
         window: Clouds that a step draws from.
         fresh: Clouds of the window that are replaced by fresh ones after each step.
         validation: Folder of a data set whose val split validates; by default clouds of the stream that no step sees.
+        scene: Obstacles around the stream's robot, as of :func:`collect`.
         progress: Is called with the number of steps taken since its last call, as ``tqdm(total=steps).update``; those that were
             taken before count at its first.
         **options: Network and training: :class:`TrainOptions` has their names and what they mean.
@@ -114,6 +117,8 @@ def train(
         raise InputError("color_weight is of a network with colors=True")
     source: Any
     if stream is None:
+        if scene is not None:
+            raise InputError("scene is of a run on a stream; a data set has the one that it was collected in")
         source = folder_of("data" if data is None else data)
     else:
         for name, value in (("data", data), ("normalisation_from", asked.get("normalisation_from"))):
@@ -129,7 +134,7 @@ def train(
             "fresh": as_count(fresh, "fresh", 1, MOST),
             "validation": None if validation is None else as_path(validation, "validation"),
         }
-        source = (Robot(stream)._native, json.dumps(of_stream))
+        source = (Robot(stream)._native, json.dumps(of_stream), None if scene is None else as_scene(scene)._native)
     surface: Robot | None = asked.pop("surface_prior", None)
     of_prior = None if surface is None else surface._native
     run = _tdcr.train(source, as_path(out, "out"), json.dumps(asked), of_prior, progress=progress)

@@ -123,7 +123,7 @@ class MovingRobot:
     @property
     def contacts(self) -> Contacts | None:
         """What the robot touched in the last time step, in a scene; None without one. Forces are means over the time step and act
-        at its begin; gaps are those at its end."""
+        at its begin; gaps are those at its end. After a reset, what it touches at rest."""
         return None if self.scene is None else Contacts._of_one(self._native.contacts(), self.scene)
 
     def _take(self, command: Any) -> Floats:

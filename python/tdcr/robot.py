@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -13,6 +14,7 @@ from tdcr._arrays import Floats, as_count, as_flag, as_float, as_number, as_text
 from tdcr._dictionary import as_json, in_its_words
 from tdcr._files import as_path, write_whole
 from tdcr.errors import InputError, RobotError
+from tdcr.scene import Scene, as_scene
 
 
 class Robot:
@@ -147,6 +149,7 @@ class Robot:
         dt: float | None = None,
         integrator: Literal["euler", "implicitfast", "implicit", "rk4"] = "euler",
         command: Any = None,
+        scene: Scene | None = None,
     ) -> str:
         """The robot as a model for MuJoCo; as ``tdcr export``.
 
@@ -157,8 +160,11 @@ class Robot:
             integrator: How MuJoCo takes a step.
             command: Command of the keyframe, shape (tendons,) (m or N), in which the robot must settle; by default the middle
                 of every tendon's range, with a little more pull by the first tendon of each module.
+            scene: Obstacles around the robot, as geoms of the world, and spheres on the discs that touch them. What MuJoCo has
+                otherwise is warned of.
 
         Raises:
+            ContactError: In a scene, for a straight robot inside an obstacle.
             RobotError: For a robot that MuJoCo cannot have, a step that is not stable, and a command in which it does not
                 settle.
         """
@@ -169,7 +175,10 @@ class Robot:
             "integrator": as_text(integrator, "integrator"),
             "command": None if command is None else as_float(command, "command", (self.tendons,)).tolist(),
         }
-        return self._native.to_mjcf(options)
+        text, notes = self._native.to_mjcf(options, None if scene is None else as_scene(scene)._native)
+        for note in notes:
+            warnings.warn(note, stacklevel=2)
+        return text
 
     def to_urdf(self) -> str:
         """The robot as URDF, with its own file in an element ``<tdcr>``, as URDF has no tendons."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -210,10 +211,16 @@ class Scene(Sequence[Obstacle]):
     def load(cls, path: str | os.PathLike[str]) -> Scene:
         """Reads a scene's file (TOML): the guide *Scene files* has its fields. Meshes with relative paths are beside it.
 
+        Of a MuJoCo model (``.xml``) it is what stands still there and touches what moves; what a scene has no place for is warned
+        of.
+
         Raises:
             SceneError: For a file that cannot be read, or is not that of a scene. The message names the obstacle and the field.
         """
-        return cls._of(_tdcr.Scene.load(as_path(path, "path")))
+        native, notes = _tdcr.Scene.load(as_path(path, "path"))
+        for note in notes:
+            warnings.warn(note, stacklevel=2)
+        return cls._of(native)
 
     @classmethod
     def from_json(cls, text: str) -> Scene:

@@ -13,6 +13,7 @@ from tdcr import _tdcr
 from tdcr._arrays import as_count, as_flag, as_number, maybe_text
 from tdcr.data import MOST, Normalisation, Sample, as_payload, as_seed
 from tdcr.robot import Robot
+from tdcr.scene import Scene, as_scene
 
 LARGEST_INDEX = 2**63 - 1
 """Largest index of a sample."""
@@ -34,6 +35,8 @@ class Stream(Iterator[Sample]):
         seed: Seed of commands, points and faults.
         start: Index of the first sample.
         stride: From one sample to the next.
+        scene: Obstacles around the robot, which settles among them. They hide from the cameras what is behind them; the clouds
+            are of the robot alone.
         reduction: How samples are reduced, as :meth:`find_reduction` finds it: each is replaced by its class's representative.
 
     Raises:
@@ -55,6 +58,7 @@ class Stream(Iterator[Sample]):
         start: int = 0,
         stride: int = 1,
         reduction: dict[str, Any] | None = None,
+        scene: Scene | None = None,
     ) -> None:
         own = Robot(robot)
         self._settings: dict[str, Any] = {
@@ -66,6 +70,7 @@ class Stream(Iterator[Sample]):
             "noise": maybe_text(noise, "noise"),
             "seed": as_seed(seed),
             "reduction": reduction,
+            "scene": None if scene is None else as_scene(scene),
         }
         self._stride = as_count(stride, "stride", 1, LARGEST_INDEX)
         self._native = _tdcr.Stream(
@@ -79,6 +84,7 @@ class Stream(Iterator[Sample]):
             as_count(start, "start", 0, LARGEST_INDEX),
             self._stride,
             None if reduction is None else json.dumps(reduction),
+            None if scene is None else scene._native,
         )
 
     @property

@@ -15,6 +15,7 @@ from tdcr._dictionary import as_json, in_its_words
 from tdcr._files import as_path, as_paths
 from tdcr.data import PathLike
 from tdcr.errors import InputError
+from tdcr.scene import Scene, as_scene
 from tdcr.sweeps import sweep
 
 
@@ -23,6 +24,7 @@ def study(
     out: PathLike = "study",
     *,
     part: str | None = None,
+    scene: Scene | None = None,
     engine: Literal["ray"] | None = None,
     parts: int = 16,
     progress: Progress | None = None,
@@ -40,6 +42,7 @@ def study(
             working directory.
         out: Folder of the results.
         part: ``"I/N"`` runs the ``I``-th of ``N`` equal parts alone, in a folder of its own, for :func:`merge_study`.
+        scene: Obstacles around the robot, in place of those of the study.
         engine: ``"ray"`` runs ``parts`` parts as tasks of the Ray cluster, into folders below ``out``, which all of its machines
             must see, and merges them: the same files. Without it, the study runs on the threads of this process.
         parts: Number of those parts.
@@ -50,11 +53,12 @@ def study(
 
     Raises:
         InputError: For a study that is none; its key, and what would be right, are said.
+        SceneError: For a scene whose meshes have too many triangles for a record.
         DataError: For a folder that holds something else, or cannot be written.
     """
     folder = as_path(out, "out")
     if engine is None:
-        return _run(file, folder, part, progress)
+        return _run(file, folder, part, scene, progress)
     if not (isinstance(engine, str) and engine == "ray"):
         raise InputError(f"engine is {engine!r}; expected None or 'ray'")
     if part is not None:
@@ -62,7 +66,7 @@ def study(
     parts = as_count(parts, "parts", 1, 100_000)
     folders = [os.path.join(folder, "parts", f"part-{number}-of-{parts}") for number in range(1, parts + 1)]
     numbered = [(f"{number}/{parts}", place) for number, place in enumerate(folders, 1)]
-    sweep(functools.partial(_run_part, file), numbered, "ray", progress=progress)
+    sweep(functools.partial(_run_part, file, scene), numbered, "ray", progress=progress)
     return merge_study(folders, folder)
 
 
@@ -84,20 +88,23 @@ def merge_study(parts: Sequence[PathLike], out: PathLike) -> dict[str, Any]:
     return said
 
 
-def _run(file: PathLike | dict[str, Any], out: str, part: str | None, progress: Progress | None = None) -> dict[str, Any]:
+def _run(
+    file: PathLike | dict[str, Any], out: str, part: str | None, scene: Scene | None, progress: Progress | None = None
+) -> dict[str, Any]:
     part = maybe_text(part, "part")
+    around = None if scene is None else as_scene(scene)._native
     if not isinstance(file, Mapping):
-        text, notes = _tdcr.study(as_path(file, "file"), None, out, part, progress)
+        text, notes = _tdcr.study(as_path(file, "file"), None, out, part, around, progress)
     else:
         written = as_json(file, "the study")
         with in_its_words(written):
-            text, notes = _tdcr.study("of a dictionary", written, out, part, progress)
+            text, notes = _tdcr.study("of a dictionary", written, out, part, around, progress)
     for note in notes:
         warnings.warn(note, stacklevel=3)
     said: dict[str, Any] = json.loads(text)
     return said
 
 
-def _run_part(file: PathLike | dict[str, Any], numbered: tuple[str, str]) -> dict[str, Any]:
+def _run_part(file: PathLike | dict[str, Any], scene: Scene | None, numbered: tuple[str, str]) -> dict[str, Any]:
     part, out = numbered
-    return _run(file, out, part)
+    return _run(file, out, part, scene)

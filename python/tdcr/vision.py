@@ -128,6 +128,7 @@ def cloud(
     noise: Literal["d435"] | None = None,
     seed: int = 0,
     index: int = 0,
+    scene: Scene | None = None,
 ) -> Cloud:
     """The fused cloud of a robot, as its cameras see it: one point in each voxel.
 
@@ -139,8 +140,9 @@ def cloud(
         noise: Simulates the faults of a real depth camera.
         seed: Seed of the faults.
         index: Number of the picture.
+        scene: Obstacles that hide what is behind them. They are not in the cloud; the robot is where ``at`` says.
     """
-    return clouds(robot, [at], base=base, voxel=voxel, noise=noise, seed=seed, first=index)[0]
+    return clouds(robot, [at], base=base, voxel=voxel, noise=noise, seed=seed, first=index, scene=scene)[0]
 
 
 def clouds(
@@ -152,13 +154,14 @@ def clouds(
     noise: Literal["d435"] | None = None,
     seed: int = 0,
     first: int = 0,
+    scene: Scene | None = None,
     progress: Progress | None = None,
 ) -> list[Cloud]:
     """Clouds of a robot in several configurations, on all threads: the ``k``-th is picture ``first + k``.
 
     Args:
         at: A sequence of what :func:`cloud` takes, or equilibria of a batch.
-        robot, base, voxel, noise, seed: As of :func:`cloud`.
+        robot, base, voxel, noise, seed, scene: As of :func:`cloud`.
         first: Number of the first picture.
         progress: Is called with the number of clouds done since its last call.
     """
@@ -175,6 +178,7 @@ def clouds(
         maybe_text(noise, "noise"),
         as_count(seed, "seed", 0, 2**64 - 1),
         as_count(first, "first"),
+        None if scene is None else as_scene(scene)._native,
         progress,
     )
     return [Cloud(points, colors) for points, colors in seen]

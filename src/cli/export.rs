@@ -1,18 +1,19 @@
 //! `tdcr export`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::sim::formats::mjcf::{self, ExportOptions, Integrator};
 use tdcr::sim::render::BaseVisibility;
-use tdcr::sim::robot::{Payload, RobotSpec};
+use tdcr::sim::robot::Payload;
 
 use super::console::Console;
 use super::output;
+use super::scene::SceneArgs;
 
-/// Write a robot as a file of another tool, or as a robot file
+/// Write a robot as a file of another tool or as a robot file, or the obstacles of a MuJoCo model as a scene file
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
     #[command(flatten)]
@@ -46,6 +47,8 @@ pub(super) struct ExportArgs {
         value_name = "C,C,..."
     )]
     command: Option<Vec<f64>>,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// The file to write [default: stdout]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -64,6 +67,8 @@ enum Format {
     Json,
     /// Robot file of this program
     Toml,
+    /// Scene file of this program (toml): the obstacles of the MuJoCo model that --robot names
+    Scene,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -108,8 +113,7 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
             bail!("{} is there already; --force replaces it", out.display());
         }
     }
-    let spec = args.robot.load()?;
-    let text = text_of(&spec, args)?;
+    let text = text_of(args)?;
     let Some(out) = &args.out else {
         return console.result(&Printed { text }, |printed| printed.text.clone());
     };
@@ -123,13 +127,39 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
     })
 }
 
-fn text_of(spec: &RobotSpec, args: &ExportArgs) -> anyhow::Result<String> {
-    let motion = args.dt.is_some() || args.integrator.is_some() || args.command.is_some();
-    if args.format != Format::Mjcf && (args.base || args.payload != 0.0 || motion) {
+/// The obstacles of the MuJoCo model that is the robot's file, as a scene's file.
+fn scene_of(args: &ExportArgs) -> anyhow::Result<String> {
+    let path = Path::new(&args.robot.name_or_path);
+    let is_model = path
+        .extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("xml"));
+    if !is_model {
         bail!(
-            "--base, --payload, --dt, --integrator and --command go with --format mjcf: other formats hold the robot alone"
+            "--robot {} has no obstacles; expected a MuJoCo model (.xml) with --format scene",
+            args.robot.name_or_path
         );
     }
+    let imported = mjcf::import_scene(path)?;
+    super::warn_of(&imported.notes);
+    imported.scene.to_toml().context("cannot write the scene")
+}
+
+/// Refuses options that go with MuJoCo models.
+fn refuse_for_mjcf_alone(args: &ExportArgs) -> anyhow::Result<()> {
+    let motion = args.dt.is_some() || args.integrator.is_some() || args.command.is_some();
+    if args.format != Format::Mjcf
+        && (args.base || args.payload != 0.0 || motion || args.scene.is_given())
+    {
+        bail!(
+            "--base, --payload, --dt, --integrator, --command and --scene go with --format mjcf: other formats hold the robot alone"
+        );
+    }
+    Ok(())
+}
+
+fn text_of(args: &ExportArgs) -> anyhow::Result<String> {
+    refuse_for_mjcf_alone(args)?;
+    let spec = || args.robot.load();
     Ok(match args.format {
         Format::Mjcf => {
             let base = if args.base {
@@ -147,15 +177,21 @@ fn text_of(spec: &RobotSpec, args: &ExportArgs) -> anyhow::Result<String> {
                 timestep: args.dt,
                 integrator: args.integrator.map(Into::into).unwrap_or_default(),
                 command: args.command.clone(),
+                scene: args.scene.load()?,
             };
-            let text = mjcf::export(spec, &options)?;
-            for note in mjcf::export_notes(spec)? {
+            let spec = spec()?;
+            let text = mjcf::export(&spec, &options)?;
+            for note in mjcf::export_notes(&spec)?
+                .into_iter()
+                .chain(mjcf::scene_notes(&options.scene))
+            {
                 tracing::warn!("{note}");
             }
             text
         }
-        Format::Urdf => tdcr::sim::formats::urdf::export(spec)?,
-        Format::Json => serde_json::to_string_pretty(spec)? + "\n",
-        Format::Toml => toml::to_string(spec)?,
+        Format::Urdf => tdcr::sim::formats::urdf::export(&spec()?)?,
+        Format::Json => serde_json::to_string_pretty(&spec()?)? + "\n",
+        Format::Toml => toml::to_string(&spec()?)?,
+        Format::Scene => scene_of(args)?,
     })
 }

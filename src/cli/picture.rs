@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use nalgebra::{UnitQuaternion, Vector3};
-use tdcr::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape, cloud_sheet};
+use tdcr::report::{
+    Aspect, Figure, Ink, Mark, Panel, Scale, Shape, Window, cloud_sheet, counted, outlines,
+};
 use tdcr::sim::camera::Camera;
 use tdcr::sim::chain::Configuration;
 use tdcr::sim::cloud::PointCloud;
@@ -110,7 +112,7 @@ pub(super) fn of_robot(
     scene: &Scene,
 ) -> anyhow::Result<()> {
     match format {
-        Format::Svg => output::write(path, side_views(robot, pose).to_svg()),
+        Format::Svg => output::write(path, side_views(robot, pose, scene).to_svg()),
         Format::Png | Format::Mp4 => {
             let views = cameras(robot).map(|camera| view(robot, pose, loads, scene, &camera));
             let rows = views[0]
@@ -124,12 +126,12 @@ pub(super) fn of_robot(
     }
 }
 
-/// The backbone and the discs' edges, from the front and from the side.
-fn side_views(robot: &Robot, pose: Pose) -> Figure {
+/// The backbone, the discs' edges and the obstacles, from the front and from the side.
+fn side_views(robot: &Robot, pose: Pose, scene: &Scene) -> Figure {
     let base = Vector3::from(robot.spec().base.position);
     let panel = |title: &str, across: usize, towards: Vector3<f64>| {
         let place = |p: &Vector3<f64>| [1e3 * p[across], 1e3 * p.z];
-        let backbone = std::iter::once(&base)
+        let backbone: Vec<_> = std::iter::once(&base)
             .chain(pose.positions)
             .map(place)
             .collect();
@@ -146,6 +148,9 @@ fn side_views(robot: &Robot, pose: Pose) -> Figure {
                 * disc.radius;
             [place(&(position - chord)), place(&(position + chord))]
         });
+        let edges: Vec<_> = edges.collect();
+        let window = Window::around(edges.iter().chain(&backbone).copied());
+        let obstacles = outlines(scene, &towards, &base, window, place);
         let mark = |shape, ink, points| Mark {
             name: String::new(),
             shape,
@@ -158,7 +163,8 @@ fn side_views(robot: &Robot, pose: Pose) -> Figure {
             y: Scale::linear("z (mm)"),
             aspect: Aspect::Equal,
             marks: vec![
-                mark(Shape::Segments, Ink::Grey, edges.collect()),
+                obstacles,
+                mark(Shape::Segments, Ink::Grey, edges),
                 mark(Shape::Line, Ink::Blue, backbone),
             ],
         }
@@ -167,8 +173,14 @@ fn side_views(robot: &Robot, pose: Pose) -> Figure {
     Figure {
         title: format!("Robot {}", robot.spec().name),
         caption: format!(
-            "Backbone (blue) and discs. Tip at x {:.1}, y {:.1}, z {:.1} mm.",
-            tip.x, tip.y, tip.z
+            "Backbone (blue) and discs{}. Tip at x {:.1}, y {:.1}, z {:.1} mm.",
+            match scene.obstacles().len() {
+                0 => String::new(),
+                count => format!(", {} (vermilion)", counted(count, "obstacle")),
+            },
+            tip.x,
+            tip.y,
+            tip.z
         ),
         panels: vec![
             panel("From the front", 0, Vector3::y()),

@@ -3,22 +3,35 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tdcr::sim::scene::{Scene, SceneError};
+use tdcr::sim::formats::load_scene;
+use tdcr::sim::scene::Scene;
 
 /// What is around the robot.
 #[derive(Debug, Args)]
 pub(super) struct SceneArgs {
-    /// Obstacles around the robot: a scene file (.toml)
+    /// Obstacles around the robot: a scene file (.toml), or those of a MuJoCo model (.xml)
     #[arg(long = "scene", value_name = "FILE")]
-    file: Option<PathBuf>,
+    scene: Option<PathBuf>,
 }
 
 impl SceneArgs {
+    /// Whether there is a file.
+    pub fn is_given(&self) -> bool {
+        self.scene.is_some()
+    }
+
+    /// The scene of the file, if one is given.
+    pub fn given(&self) -> anyhow::Result<Option<Scene>> {
+        let Some(file) = &self.scene else {
+            return Ok(None);
+        };
+        let (scene, notes) = load_scene(file)?;
+        super::warn_of(&notes);
+        Ok(Some(scene))
+    }
+
     /// The scene of the file; the one without obstacles where none is given.
-    pub fn load(&self) -> Result<Scene, SceneError> {
-        match &self.file {
-            Some(file) => Scene::load(file),
-            None => Ok(Scene::default()),
-        }
+    pub fn load(&self) -> anyhow::Result<Scene> {
+        Ok(self.given()?.unwrap_or_default())
     }
 }

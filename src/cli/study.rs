@@ -11,6 +11,7 @@ use tdcr::study::{Finished, Starter, Study, merge, run as run_study};
 
 use super::console::Console;
 use super::output;
+use super::scene::SceneArgs;
 
 /// Sweep designs, loads and commands, as one file says: a table, and a report with figures
 ///
@@ -27,8 +28,10 @@ pub(super) struct StudyArgs {
     #[arg(required_unless_present = "new", value_name = "FILE")]
     file: Option<PathBuf>,
     /// Print a study to start from, and do nothing else
-    #[arg(long, value_parser = starter(), conflicts_with_all = ["file", "out", "part"])]
+    #[arg(long, value_parser = starter(), conflicts_with_all = ["file", "out", "part", "scene"])]
     new: Option<Starter>,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// Folder of the results
     #[arg(long, default_value = "study", value_name = "DIR")]
     out: PathBuf,
@@ -65,7 +68,8 @@ pub(super) fn run(args: &StudyArgs, console: &Console) -> anyhow::Result<()> {
     }
     output::folder("--out", &args.out, "a folder for the results")?;
     let file = args.file.as_deref().context("no study is given")?;
-    let (study, notes) = Study::load_with_notes(file)?;
+    let scene = args.scene.given()?;
+    let (study, notes) = Study::load_with_notes(file, scene.as_ref())?;
     super::warn_of(&notes);
     report(
         &run_study(&study, &args.out, args.part, console)?,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::anyhow;
+use anyhow::{anyhow, bail};
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, Split};
@@ -12,6 +12,7 @@ use tdcr::learn::train::Model;
 use tdcr::pipeline::{StreamOptions, TrainingData, model_path, train};
 
 use super::console::Console;
+use super::scene::SceneArgs;
 
 /// Train a velocity network on a data set or a stream by action-conditioned flow matching
 ///
@@ -39,6 +40,8 @@ struct StreamArgs {
     stream: Option<String>,
     #[command(flatten)]
     options: StreamOptions,
+    #[command(flatten)]
+    scene: SceneArgs,
 }
 
 /// The data set, in its own units or in those of a model.
@@ -70,10 +73,14 @@ fn set_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
 /// The data set, or the stream where one is asked for.
 fn training_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
     let Some(robot) = &args.stream.stream else {
+        if args.stream.scene.is_given() {
+            bail!("--scene goes with --stream: a data set has the scene that it was collected in");
+        }
         return set_data(args);
     };
     let robot = super::load_robot(robot)?;
-    let stream = args.stream.options.settings(robot, args.options.seed);
+    let scene = args.stream.scene.load()?;
+    let stream = (args.stream.options).settings(robot, scene, args.options.seed);
     Ok(TrainingData::Stream(Box::new(stream)))
 }
 

@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr_learn::data::Condition;
+use tdcr_learn::data::{Condition, Subject};
 use tdcr_learn::predict::Predictor;
 use tdcr_learn::train::{FlowPredictor, Model};
 use tdcr_sim::cloud::{Observer, VoxelGrid};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Command, Loads, Robot};
+use tdcr_sim::scene::Scene;
 use tdcr_sim::statics::Equilibrium;
 
 use super::PipelineError;
@@ -24,6 +25,7 @@ pub(crate) struct Probe {
     predictor: FlowPredictor,
     robot: Robot,
     base: BaseVisibility,
+    scene: Scene,
     grid: VoxelGrid,
     scoring: Scoring,
 }
@@ -39,12 +41,12 @@ pub(crate) struct Probed {
 }
 
 impl Probe {
-    /// Of `model` with the sampler that it was validated with. The clouds are those of perfect cameras that see the `base` or not,
-    /// in voxels of `voxel_size` (m).
+    /// Of `model` with the sampler that it was validated with. The clouds are those of perfect cameras that see the base or not, and among
+    /// obstacles, as those of the `subject`, in voxels of `voxel_size` (m).
     pub fn new(
         model: &Arc<Model>,
         robot: &Robot,
-        base: BaseVisibility,
+        subject: &Subject,
         voxel_size: f64,
         scoring: Scoring,
     ) -> Self {
@@ -52,7 +54,8 @@ impl Probe {
             model: model.clone(),
             predictor: FlowPredictor::new(model.clone(), model.settings.sampler),
             robot: robot.clone(),
-            base,
+            base: subject.base,
+            scene: subject.scene.clone(),
             grid: VoxelGrid::new(voxel_size),
             scoring,
         }
@@ -88,7 +91,7 @@ impl Probe {
         };
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(index);
-        let mut observer = Observer::new(&self.robot, self.base, self.grid);
+        let mut observer = Observer::new(&self.robot, self.base, self.grid).among(&self.scene);
         let truth = observer.observe(settled).sample_or_pad(points, &mut rng);
         observer.displace(&mut rng);
         let again = observer.observe(settled).sample_or_pad(points, &mut rng);

@@ -12,7 +12,7 @@ use tdcr_sim::scene::Scene;
 use super::collect_settings::{Noise, noise, payload_range, visibility};
 use super::training_data::StreamSettings;
 
-/// What a stream is made of, beside its robot and its seed. The one list of these options: the command line (`tdcr train --stream`)
+/// What a stream is made of, beside its robot, its scene and its seed. The one list of these options: the command line (`tdcr train --stream`)
 /// and Python (`tdcr.train`) take their names and types from it, and the former its documentation. In JSON a field has the name of
 /// its option.
 #[derive(Clone, Debug, PartialEq, Args, Deserialize)]
@@ -67,13 +67,13 @@ impl Default for StreamOptions {
 }
 
 impl StreamOptions {
-    /// The stream of a robot.
-    pub fn settings(&self, robot: RobotSpec, seed: u64) -> StreamSettings {
+    /// The stream of a robot in a scene.
+    pub fn settings(&self, robot: RobotSpec, scene: Scene, seed: u64) -> StreamSettings {
         let subject = Subject {
             robot,
             base: visibility(self.base),
             payload: self.payload,
-            scene: Scene::default(),
+            scene,
         };
         let recipe = Recipe {
             subject,

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use tdcr_learn::data::DataError;
 use tdcr_sim::formats::RobotFileError;
+use tdcr_sim::scene::SceneError;
 use thiserror::Error;
 
 use crate::pipeline::PipelineError;
@@ -123,6 +124,22 @@ pub enum Refusal {
         key: String,
         /// Why.
         source: RobotFileError,
+    },
+    /// A scene that cannot be read, or not be kept whole.
+    #[error("`{key}`: {source}")]
+    Scene {
+        /// The key.
+        key: String,
+        /// Why.
+        source: SceneError,
+    },
+    /// An output that tells of obstacles, without any.
+    #[error(
+        "`want` has \"{output}\", and there is no scene; expected a `scene` with obstacles, or another output"
+    )]
+    NoScene {
+        /// The output's name.
+        output: &'static str,
     },
     /// The first configuration, or one that a value of a variable makes of it, cannot be simulated.
     #[error("`{key}` is {found}, and no robot comes of it: {reason}")]

@@ -47,7 +47,7 @@ fn base_and_payload_go_into_a_model_alone() {
         &["--integrator", "rk4"],
     ] {
         let arguments = [&["export", "--format", "urdf"], option].concat();
-        refuse(&arguments, 1, "--command go with --format mjcf");
+        refuse(&arguments, 1, "--scene go with --format mjcf");
     }
     refuse(
         &["export", "--payload", "-1"],
@@ -213,4 +213,91 @@ fn the_help_of_every_robot_option_names_all_kinds_of_files() {
             assert!(help.contains(kind), "{command}: {help}");
         }
     }
+}
+
+#[test]
+fn a_model_with_obstacles_is_read_back_as_robot_and_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let scene = at("scene.toml");
+    let obstacles = "[[obstacle]]\nname = \"post\"\ncylinder = { radius = 0.01, length = 0.4 }\nposition = [-0.06, 0.0, 0.25]\n\
+                     friction = 0.25\n[[obstacle]]\nname = \"tube\"\npipe = { radius = 0.05, length = 0.1 }\nposition = [0, 0, 0.5]\n";
+    fs::write(&scene, obstacles).unwrap();
+    let model = at("model.xml");
+    let export = [
+        "export",
+        "--scene",
+        text(&scene),
+        "--command",
+        COMMAND,
+        "--out",
+        text(&model),
+    ];
+    let output = tdcr(&export).output().unwrap();
+    let said = stderr(&output);
+    assert!(output.status.success(), "{said}");
+    for words in [
+        "obstacle `tube`: left out: MuJoCo has no pipes",
+        "solref and solimp",
+    ] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    // The robot is what it is without obstacles.
+    let plain = at("plain.xml");
+    succeed(&["export", "--command", COMMAND, "--out", text(&plain)]);
+    let robot_of =
+        |model: &std::path::Path| succeed(&["export", "--robot", text(model), "--format", "json"]);
+    assert_eq!(robot_of(&model), robot_of(&plain));
+    let mut settle = tdcr(&["settle", "--robot", text(&model), "--command", COMMAND]);
+    let said = stderr(&settle.output().unwrap());
+    assert!(
+        said.contains("robots here touch with beads of their own, in a scene"),
+        "{said}"
+    );
+    // The obstacle as it was, but for the compliance.
+    let read = succeed(&["export", "--robot", text(&model), "--format", "scene"]);
+    for line in ["name = \"post\"", "friction = 0.25", "-0.06"] {
+        assert!(read.contains(line), "{line}: {read}");
+    }
+    assert!(!read.contains("tube"));
+    let settled = |scene: &std::path::Path| {
+        succeed_json(&["settle", "--command", COMMAND, "--scene", text(scene)])
+    };
+    let (own, by_model) = (settled(&scene), settled(&model));
+    assert!(
+        !own["surroundings"]["contacts"]
+            .as_array()
+            .unwrap()
+            .is_empty()
+    );
+    assert_eq!(own["positions"], by_model["positions"]);
+    assert_eq!(
+        own["surroundings"]["contacts"],
+        by_model["surroundings"]["contacts"]
+    );
+}
+
+#[test]
+fn scenes_go_with_models_of_mujoco_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene.toml");
+    fs::write(&scene, "[[obstacle]]\nhalf_space = {}\n").unwrap();
+    refuse(
+        &["export", "--format", "urdf", "--scene", text(&scene)],
+        1,
+        "--scene go with --format mjcf",
+    );
+    refuse(
+        &["export", "--format", "scene"],
+        1,
+        "--robot 2m has no obstacles; expected a MuJoCo model (.xml)",
+    );
+    let inside =
+        "[[obstacle]]\nname = \"ball\"\nsphere = { radius = 0.05 }\nposition = [0, 0, 0.2]\n";
+    fs::write(&scene, inside).unwrap();
+    refuse(
+        &["export", "--scene", text(&scene)],
+        1,
+        "starts inside obstacle \"ball\"",
+    );
 }

@@ -45,6 +45,7 @@ mod start;
 mod statics;
 mod study;
 mod study_outputs;
+mod study_scene;
 mod symmetry;
 mod tables;
 mod track;

@@ -47,6 +47,14 @@ fn pictures_show_the_robot_that_was_settled_and_how_it_moved() {
     let tip = crate::succeed_json(&["settle", "--command", COMMAND])["positions"][9].clone();
     let said = format!("z {:.1} mm", 1e3 * tip[2].as_f64().unwrap());
     assert!(svg.contains(&said), "{said}");
+    // Among obstacles, of which those are drawn that are near.
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/shelf.toml");
+    let among = out("among.svg");
+    let settle = ["settle", "--command", COMMAND, "--scene", scene];
+    succeed(&[&settle[..], &["--picture", text(&among)]].concat());
+    let drawn = fs::read_to_string(&among).unwrap();
+    assert!(drawn.contains("7 obstacles (vermilion)") && drawn.len() > svg.len() + 2000);
+    assert!(!svg.contains("vermilion"));
     let commands = out("commands.csv");
     fs::write(&commands, format!("{COMMAND}\n").repeat(101)).unwrap();
     let simulate = |picture: &str| {

@@ -22,6 +22,7 @@ pub fn sound(name: &str) -> Vec<Case> {
         "mjcf" => vec![
             ("2m", include_bytes!("../../models_xml/2m.xml").to_vec()),
             ("by_hand", BY_HAND.into()),
+            ("obstacles", OBSTACLES.into()),
         ],
         "urdf" => vec![("2m", include_bytes!("../../models_xml/2m.urdf").to_vec())],
         "stl" => vec![

@@ -27,10 +27,7 @@ pub const STUDY: &str = "want = [\"tip\", \"manipulability\"]\n[[vary]]\nwhat = 
                      range = [0.0, 0.1]\nsteps = 3\n[[vary]]\nwhat = \"command\"\n[sample]\ncount = 4\n";
 
 /// Obstacles of all shapes but meshes.
-pub const SHELF: &str = concat!(
-    include_str!("../../examples/scenes/shelf.toml"),
-    include_str!("../../examples/scenes/pipes.toml")
-);
+pub const SHELF: &str = include_str!("../../examples/scenes/shelf.toml");
 
 /// A text behind a byte order mark.
 pub fn marked(text: &[u8]) -> Vec<u8> {
@@ -200,3 +197,23 @@ t,motion,a,b,c,d,e,f,x,y,z,mx,my,mz,qw,qx,qy,qz
 4,no turn,1,2,3,4,5,6,0,0,0,0,0,0,0,0,0,0
 5,far,1,2,3,4,5,6,1e300,-1e300,0,0,0,0,1e200,1e200,0,0
 ";
+
+/// A MuJoCo model with what a robot touches: all shapes, pairs, exclusions, a mesh.
+pub const OBSTACLES: &str = r#"<mujoco>
+  <asset><mesh name="wedge" vertex="0 0 0  1 0 0  0 1 0  0 0 1" scale="0.1 0.1 0.1"/></asset>
+  <default><default class="thing"><geom contype="4" conaffinity="4" friction="0.3 0 0"/></default></default>
+  <worldbody>
+    <geom name="floor" class="thing" type="plane" size="1 1 0.1" margin="0.001"/>
+    <geom class="thing" type="capsule" fromto="0 0 0 0 0 0.1" size="0.01" rgba="1 0 0 1"/>
+    <geom class="thing" type="cylinder" size="0.01 0.1" pos="0.3 0 0" euler="0 90 0"/>
+    <geom class="thing" type="mesh" mesh="wedge" pos="0.3 0 0"/>
+    <body name="shelf" pos="0 0.2 0.1"><geom name="board" class="thing" type="box" size="0.1 0.05 0.005"/></body>
+    <geom name="paired" type="sphere" size="0.02" pos="0.2 0 0.1" contype="0" conaffinity="0"/>
+    <body name="disc0" pos="0 0 0.05">
+      <joint type="ball" stiffness="0.1" pos="0 0 -0.02"/>
+      <geom name="one" type="cylinder" size="0.02 0.005" density="500" contype="4" conaffinity="4"/>
+    </body>
+  </worldbody>
+  <contact><pair geom1="one" geom2="paired" friction="0.2 0.2 0 0 0"/><exclude body1="shelf" body2="disc0"/></contact>
+</mujoco>
+"#;

@@ -22,6 +22,7 @@ use tdcr::learn::data::{
 use tdcr::learn::train::{Model, TrainingState};
 use tdcr::pipeline::recording::{Columns, GivenPriors, RecordingFile};
 use tdcr::pipeline::{PipelineError, Scores};
+use tdcr::sim::formats::load_scene;
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::render::Visuals;
 use tdcr::sim::robot::{Robot, RobotSpec};
@@ -95,6 +96,13 @@ pub fn robot_json(bytes: &[u8]) {
 /// MuJoCo models.
 pub fn mjcf(bytes: &[u8]) {
     robot("robot.xml", bytes);
+    in_file("robot.xml", bytes, |path| {
+        // What is read of it as a scene is one, and can be written.
+        if let Ok((scene, _)) = load_scene(path) {
+            let written = scene.to_toml().unwrap();
+            Scene::from_toml(&written, Path::new("")).unwrap();
+        }
+    });
 }
 
 /// URDF models.

@@ -12,6 +12,7 @@ use crate::arrays::{array, contiguous, write_points, write_quaternions};
 use crate::errors::{Failure, Outcome};
 use crate::robot::Robot;
 use crate::run;
+use crate::scene::Scene;
 use row::{Motion, Row, Scale};
 
 /// Robots of one size, each with a state of its own, advanced by one call.
@@ -24,10 +25,19 @@ pub struct BatchSimulation {
     tendons: usize,
     motion: Option<Motion>,
     scale: Scale,
+    scene: tdcr::sim::scene::Scene,
 }
 
 /// Colours and depth of a picture.
 type Picture<'py> = (Bound<'py, PyArray3<u8>>, Bound<'py, PyArray2<f32>>);
+
+/// Number of contacts, largest force, sum of forces, and forces on discs.
+type Touched<'py> = (
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray3<f64>>,
+);
 
 /// Does `work` for each of `rows`: on all threads where there are many.
 fn each<T: Send>(
@@ -75,14 +85,17 @@ impl BatchSimulation {
 #[pymethods]
 impl BatchSimulation {
     /// One robot a row. With a time step (s) they move by `frame_skip` of them at each advance; without, they settle.
-    /// Observed places are relative to `origin` (m) and in units of `length` (m).
+    /// Observed places are relative to `origin` (m) and in units of `length` (m). All are in one scene, if one is given; those that
+    /// settle slide along obstacles without friction.
     #[new]
+    #[pyo3(signature = (robots, timestep, frame_skip, origin, length, scene=None))]
     fn new(
         robots: Vec<PyRef<'_, Robot>>,
         timestep: Option<f64>,
         frame_skip: usize,
         origin: [f64; 3],
         length: f64,
+        scene: Option<PyRef<'_, Scene>>,
     ) -> Outcome<Self> {
         let Some(first) = robots.first() else {
             return Err(Failure::input("no robots; expected at least one"));
@@ -102,10 +115,13 @@ impl BatchSimulation {
                 origin: Vector3::from(origin),
                 length,
             },
+            scene: scene.map(|scene| scene.0.clone()).unwrap_or_default(),
         };
         for robot in &robots {
             batch.fits(robot)?;
-            batch.rows.push(Row::new(&robot.0, batch.motion)?);
+            batch
+                .rows
+                .push(Row::new(&robot.0, &batch.scene, batch.motion)?);
         }
         Ok(batch)
     }
@@ -113,7 +129,7 @@ impl BatchSimulation {
     /// Puts another robot into a row, which must then be reset.
     fn set_robot(&mut self, row: usize, robot: PyRef<'_, Robot>) -> Outcome<()> {
         self.fits(&robot)?;
-        let new = Row::new(&robot.0, self.motion)?;
+        let new = Row::new(&robot.0, &self.scene, self.motion)?;
         *self.row(row)? = new;
         Ok(())
     }
@@ -244,6 +260,21 @@ impl BatchSimulation {
             out.copy_from_slice(&row.shown.lengths);
         });
         array(py, values, [self.rows.len(), self.tendons])
+    }
+
+    /// What each row touches: number of contacts, the largest of their forces, the sum of these, shape (rows,) (N), and the force on
+    /// each disc, shape (rows, n, 3) (N).
+    fn touch<'py>(&self, py: Python<'py>) -> PyResult<Touched<'py>> {
+        let touched = || self.rows.iter().map(|row| &row.shown.touch);
+        let forces = self.gathered(3 * self.discs, |row, out| {
+            write_points(&row.shown.touch.on_discs, out);
+        });
+        Ok((
+            PyArray1::from_iter(py, touched().map(|touch| touch.count as i64)),
+            PyArray1::from_iter(py, touched().map(|touch| touch.largest)),
+            PyArray1::from_iter(py, touched().map(|touch| touch.sum)),
+            array(py, forces, [self.rows.len(), self.discs, 3])?,
+        ))
     }
 
     /// Tensions of the tendons, shape (rows, tendons) (N).

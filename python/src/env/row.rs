@@ -2,9 +2,11 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 use tdcr::sim::chain::Configuration;
-use tdcr::sim::dynamics::{Integrator, State};
+use tdcr::sim::contact::{Contact, ContactLaw, ContactSettler, ContactStepper};
+use tdcr::sim::dynamics::{Integrator, State, Stepper};
 use tdcr::sim::pose::Pose;
 use tdcr::sim::robot::{Command, Loads, Payload, Robot};
+use tdcr::sim::scene::Scene;
 use tdcr::sim::simulation::{MovingRobot, Simulation, SimulationError};
 use tdcr::sim::statics::Settler;
 
@@ -34,6 +36,8 @@ pub struct Scale {
 /// How a robot is driven.
 enum Driven {
     Still(Box<Settler>),
+    /// Among obstacles.
+    Leaning(Box<ContactSettler>),
     Moving(Box<MovingRobot>),
 }
 
@@ -41,7 +45,54 @@ impl Driven {
     fn simulation(&mut self) -> &mut dyn Simulation {
         match self {
             Self::Still(settler) => settler.as_mut(),
+            Self::Leaning(settler) => settler.as_mut(),
             Self::Moving(moving) => moving.as_mut(),
+        }
+    }
+
+    /// What it touches.
+    fn contacts(&self) -> &[Contact] {
+        match self {
+            Self::Still(_) => &[],
+            Self::Leaning(settler) => &settler.found().contacts,
+            Self::Moving(moving) => moving.contacts(),
+        }
+    }
+}
+
+/// What a robot touches.
+#[derive(Clone)]
+pub struct Touch {
+    /// Number of contacts.
+    pub count: usize,
+    /// Largest of their forces, and the sum of these (N).
+    pub largest: f64,
+    pub sum: f64,
+    /// Force on each disc, world axes (N).
+    pub on_discs: Vec<Vector3<f64>>,
+}
+
+impl Touch {
+    fn nothing(discs: usize) -> Self {
+        Self {
+            count: 0,
+            largest: 0.0,
+            sum: 0.0,
+            on_discs: vec![Vector3::zeros(); discs],
+        }
+    }
+
+    fn take(&mut self, contacts: &[Contact]) {
+        self.on_discs.fill(Vector3::zeros());
+        (self.count, self.largest, self.sum) = (contacts.len(), 0.0, 0.0);
+        for contact in contacts {
+            self.on_discs[contact.disc] += contact.force;
+            if let Some(other) = contact.partner.disc() {
+                self.on_discs[other] -= contact.force;
+            }
+            let force = contact.force.norm();
+            self.largest = self.largest.max(force);
+            self.sum += force;
         }
     }
 }
@@ -57,11 +108,13 @@ pub struct Shown {
     pub rates: Vec<f64>,
     /// Of the tip, the mean over the last advance (m/s); 0 where the robot does not move in time.
     velocity: Vector3<f64>,
+    pub touch: Touch,
 }
 
 /// A robot of a batch.
 pub struct Row {
     pub robot: Robot,
+    pub scene: Scene,
     driven: Driven,
     /// Duration of an advance (s).
     duration: f64,
@@ -83,6 +136,7 @@ impl Shown {
             tensions: vec![0.0; tendons],
             rates: vec![0.0; 3 * discs],
             velocity: Vector3::zeros(),
+            touch: Touch::nothing(discs),
         }
     }
 
@@ -103,6 +157,7 @@ impl Shown {
     fn take(&mut self, driven: &Driven) {
         let pose = match driven {
             Driven::Still(settler) => settler.pose(),
+            Driven::Leaning(settler) => settler.pose(),
             Driven::Moving(moving) => {
                 self.rates.copy_from_slice(&moving.state().velocity);
                 moving.pose()
@@ -113,17 +168,24 @@ impl Shown {
         self.orientations.copy_from_slice(pose.orientations);
         self.lengths.copy_from_slice(pose.tendon_lengths);
         self.tensions.copy_from_slice(pose.tendon_tensions);
+        self.touch.take(driven.contacts());
     }
 }
 
 impl Row {
-    /// A robot that rests, or that moves in time.
-    pub fn new(robot: &Robot, motion: Option<Motion>) -> Outcome<Self> {
+    /// A robot that rests, or that moves in time, in a scene.
+    pub fn new(robot: &Robot, scene: &Scene, motion: Option<Motion>) -> Outcome<Self> {
         let integrator = Integrator::default();
         let (driven, duration) = match motion {
-            None => (Driven::Still(Box::new(Settler::new(robot))), 0.0),
+            None if scene.is_empty() => (Driven::Still(Box::new(Settler::new(robot))), 0.0),
+            None => {
+                let settler = ContactSettler::new(robot, scene);
+                (Driven::Leaning(Box::new(settler)), 0.0)
+            }
             Some(Motion { timestep, steps }) => {
-                let moving = MovingRobot::new(robot, timestep, integrator, steps)?;
+                let stepper = Stepper::new(robot, timestep, integrator)?;
+                let stepper = ContactStepper::new(stepper, scene, ContactLaw::default())?;
+                let moving = MovingRobot::among(stepper, steps);
                 (Driven::Moving(Box::new(moving)), timestep * steps as f64)
             }
         };
@@ -137,6 +199,7 @@ impl Row {
             failed: false,
             shown,
             robot: robot.clone(),
+            scene: scene.clone(),
         })
     }
 
@@ -154,7 +217,7 @@ impl Row {
     }
 
     /// Starts anew, at rest, with nothing left of what was before. Fails where it does not settle, which is flagged, and
-    /// where the time step is too long for the robot, which is returned.
+    /// where the time step is too long for the robot or this starts inside an obstacle, which is returned.
     pub fn reset(&mut self) -> Outcome<()> {
         let (command, loads) = (&self.command, &self.loads);
         let reset = self.driven.simulation().reset(command, loads);
@@ -165,6 +228,7 @@ impl Row {
         self.shown.velocity.fill(0.0);
         match reset {
             Err(SimulationError::Dynamics(error)) => Err(error.into()),
+            Err(SimulationError::Contact(error)) => Err(error.into()),
             _ => Ok(()),
         }
     }
@@ -175,7 +239,13 @@ impl Row {
             return;
         }
         let (command, loads) = (&self.command, &self.loads);
-        self.failed = (self.driven.simulation().advance(command, loads)).is_err();
+        self.failed = match &mut self.driven {
+            // Without friction, so that the last configuration is all that its future depends on.
+            Driven::Leaning(settler) => settler
+                .settle_from(&self.shown.configuration, command, loads)
+                .map_or(true, |found| !found.equilibrium.converged),
+            driven => driven.simulation().advance(command, loads).is_err(),
+        };
         if !self.failed {
             let before = self.shown.tip();
             self.shown.take(&self.driven);
@@ -201,8 +271,12 @@ impl Row {
                 .chain(&shown.rates),
         );
         out.extend(flat_points(&[shown.velocity]));
+        let touch = &shown.touch;
+        out.extend([touch.count as f64, touch.largest, touch.sum]);
+        out.extend(flat_points(&touch.on_discs));
         match &self.driven {
             Driven::Still(settler) => write_memory(&settler.memory(), &mut out),
+            Driven::Leaning(_) => {}
             Driven::Moving(moving) => {
                 // Before the first start there is no time.
                 out.push(moving.taken().map_or(-1.0, |taken| taken as f64));
@@ -228,11 +302,18 @@ impl Row {
             tensions: tape.take(t).to_vec(),
             rates: tape.take(3 * n).to_vec(),
             velocity: tape.points(1)[0],
+            touch: Touch {
+                count: tape.number() as usize,
+                largest: tape.number(),
+                sum: tape.number(),
+                on_discs: tape.points(n),
+            },
         };
         match &mut self.driven {
             Driven::Still(settler) => {
                 settler.resume(read_memory(&self.robot, &mut tape), &self.loads);
             }
+            Driven::Leaning(_) => {}
             Driven::Moving(moving) => {
                 let taken = tape.number();
                 let state = State {

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 use tdcr::sim::camera::{Camera, Intrinsics};
 use tdcr::sim::cloud::{PointCloud, VoxelGrid};
-use tdcr::sim::geometry::Shape;
+use tdcr::sim::geometry::{Instance, Shape};
 use tdcr::sim::render::{BaseVisibility, RgbdFrame, Visuals};
 
 use super::row::Row;
@@ -39,7 +39,7 @@ fn cameras(row: &Row, width: u32, height: u32) -> Vec<Camera> {
     cameras
 }
 
-/// The picture of one of the robot's cameras, with its base, tendons and payload, and balls of `radius` (m) at `targets` (m).
+/// The picture of one of the robot's cameras, with its base, tendons, payload and obstacles, and balls of `radius` (m) at `targets` (m).
 pub fn picture(
     row: &Row,
     size: [u32; 2],
@@ -62,6 +62,7 @@ pub fn picture(
     let mut visuals = Visuals::of_robot(robot, pose, BaseVisibility::Shown);
     visuals.add_tendons(robot, pose);
     visuals.add_payload(robot, pose, &row.loads.tip_payload());
+    visuals.add_scene(&row.scene);
     for target in targets {
         let ball = Shape::sphere(radius).map_err(|error| Failure::input(error.to_string()))?;
         let [x, y, z] = *target;
@@ -70,13 +71,22 @@ pub fn picture(
     Ok(visuals.render(camera))
 }
 
-/// Writes as many points (m) as `out` has room for, taken evenly from what all cameras see of the robot without its base.
+/// Writes as many points (m) as `out` has room for, taken evenly from what all cameras see of the robot without its base,
+/// behind obstacles.
 /// Repeats points where they see fewer; all are the tip where they see none.
 pub fn cloud(row: &Row, out: &mut [[f32; 3]]) {
-    let visuals = Visuals::of_robot(&row.robot, row.shown.pose(), BaseVisibility::Hidden);
+    let mut visuals = Visuals::of_robot(&row.robot, row.shown.pose(), BaseVisibility::Hidden);
+    visuals.add_scene(&row.scene);
     let mut seen = PointCloud::default();
     for camera in cameras(row, WIDTH, HEIGHT) {
-        seen.add_frame(&visuals.render(&camera));
+        let mut frame = visuals.render(&camera);
+        // Obstacles hide the robot, and are not part of it.
+        for (depth, instance) in frame.depth.iter_mut().zip(&frame.mask) {
+            if matches!(instance, Instance::Obstacle(_)) {
+                *depth = 0.0;
+            }
+        }
+        seen.add_frame(&frame);
     }
     let seen = seen.voxel_downsample(VoxelGrid::new(VOXEL)).points;
     let count = out.len();

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr.envs.episodes import Episodes, Observation, first
+from tdcr.envs.episodes import Episodes, Observation, first, first_info
 from tdcr.envs.tasks import ReachGoal, Task
 from tdcr.errors import InputError
 
@@ -48,6 +48,11 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         rig: A :class:`tdcr.Rig`, or its file, in place of a simulated robot, for tasks of reaching: actions move its servos,
             and its cameras measure the tip. Episodes start in the home pose. An action under which the simulator finds a
             tendon slack or overloaded moves nothing. Pictures are those of the rig's cameras, in their own size.
+        scene: Obstacles around a simulated robot. Pictures show them; clouds are of the robot alone, behind them. ``info`` has
+            ``contacts`` (their number), ``contact_force`` and ``contact_max`` (sum and largest of their forces, N) and
+            ``disc_forces`` (force on each disc, world frame, shape (discs, 3), N): in motion those of the last time step. Robots
+            that do not move in time slide along obstacles without friction.
+        contact_cost: What the reward loses for each newton of ``contact_force``; not of goal-based tasks.
         render_mode: ``"rgb_array"`` or ``"depth_array"``; ``gymnasium.make`` makes a window of the first for ``"human"``.
         camera, width, height: Which of the robot's cameras pictures are of, and their size.
         target: Of the task Shape: ``"poses"`` or ``"cloud"``.
@@ -78,21 +83,21 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
         Raises:
             InputError: For options that the task does not take.
+            ContactError: In a scene, for a straight robot inside an obstacle.
             DynamicsError: In motion, if the time step is too long for the robot.
         """
         asked = self.episodes.check_options(options)
         super().reset(seed=seed)
         self.episodes.reset([0], [self.np_random], asked)
         observation, _, _, infos = self.episodes.look()
-        return first(observation), {name: values.item(0) for name, values in infos.items()}
+        return first(observation), first_info(infos)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Takes a step."""
         episodes = self.episodes
         episodes.drive(np.asarray(action)[np.newaxis])
         observation, rewards, truncated, infos = episodes.look()
-        info = {name: values.item(0) for name, values in infos.items()}
-        return first(observation), rewards.item(0), False, truncated.item(0), info
+        return first(observation), rewards.item(0), False, truncated.item(0), first_info(infos)
 
     def render(self) -> Any:
         """The picture of ``render_mode``: colours, shape (height, width, 3), or depth (m), shape (height, width)."""

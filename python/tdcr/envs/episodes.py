@@ -57,6 +57,12 @@ class Episodes:
             raise ArgumentError(f"arguments of the environment: {error}; the others are {', '.join(known)}") from None
         if isinstance(self.world, RigWorld) and not self.task.measurable:
             raise InputError(f"a rig does not measure what {type(self.task).__name__} asks for; expected a task of reaching")
+        cost = self.world.settings.contact_cost
+        if self.task.goal_based and cost:
+            name = type(self.task).__name__
+            raise InputError(
+                f"contact_cost is {cost} with {name}, whose reward is one of goals alone; expected 0, or another task"
+            )
         self.steps: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
         self._view = (as_count(width, "width", 1, 4096), as_count(height, "height", 1, 4096), as_count(camera, "camera"))
         length = self.world.settings.episode_length
@@ -127,6 +133,9 @@ class Episodes:
             observed[:, self.world.width :] = goals
             observation = observed
         rewards, infos = task.assess(observed, goals)
+        infos |= (touch := self.world.touch())
+        if cost := self.world.settings.contact_cost:
+            rewards = rewards - cost * touch["contact_force"]
         infos["simulation_failed"] = self._failed.copy()
         return observation, rewards, (self.steps >= self._length) | self._failed, infos
 
@@ -144,3 +153,8 @@ def first(observation: Observation) -> Observation:
     if isinstance(observation, dict):
         return {name: rows[0] for name, rows in observation.items()}
     return observation[0]
+
+
+def first_info(infos: Infos) -> dict[str, Any]:
+    """The information of a batch of one: numbers, and arrays where there are several a row."""
+    return {name: values.item(0) if values.ndim == 1 else values[0] for name, values in infos.items()}

@@ -30,6 +30,8 @@ class RigWorld(World):
             raise InputError(f"num_envs is {count} with a rig; expected 1")
         if settings.dynamics or settings.randomise:
             raise InputError("`dynamics` and `randomise` are of simulated robots; expected neither with a rig")
+        if settings.scene is not None:
+            raise InputError("`scene` is of simulated robots; expected none with a rig")
         if settings.observation == "state":
             raise InputError("observation is 'state', which a rig does not see; expected 'tip' or 'cloud'")
         super().__init__(1, settings)

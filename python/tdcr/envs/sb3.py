@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from tdcr.envs.vector import TendonRobotVectorEnv
+from tdcr.envs.vector import TendonRobotVectorEnv, along
 from tdcr.errors import InputError, MissingPackageError
 
 try:
@@ -73,7 +73,7 @@ class Sb3VecEnv(VecEnv):
         if ended.any():
             final_obs, final = infos.pop("final_obs"), infos.pop("final_info")
             resets = self._by_rows(infos)
-            told = {name: np.where(ended, final[name], values) for name, values in infos.items() if name in final}
+            told = {name: np.where(along(ended, values), final[name], values) for name, values in infos.items() if name in final}
             rows = self._by_rows(told)
             for row in np.flatnonzero(ended):
                 rows[row]["terminal_observation"] = final_obs[row]
@@ -87,7 +87,7 @@ class Sb3VecEnv(VecEnv):
 
     def _by_rows(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
         names = [name for name in infos if not name.startswith("_")]
-        columns = [infos[name].tolist() for name in names]
+        columns = [list(infos[name]) if infos[name].ndim > 1 else infos[name].tolist() for name in names]
         return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def close(self) -> None:

@@ -236,7 +236,7 @@ class Track(Task):
         for row, rng in zip(rows, rngs, strict=True):
             for _ in range(_PATHS):
                 path = world.clip(self._shares @ np.stack([world.draw_command(rng) for _ in range(3)]))
-                settled = follow(world.robot_of(row), path, payload=world.payloads[row])
+                settled = follow(world.robot_of(row), path, payload=world.payloads[row], scene=world.settings.scene)
                 if settled.converged.all():
                     break
             else:

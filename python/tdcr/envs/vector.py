@@ -158,11 +158,17 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
         return tuple(self.episodes.picture(row, self.render_mode) for row in range(self.num_envs))
 
 
+def along(rows: Bools, values: NDArray[Any]) -> Bools:
+    """Flags of rows in a shape that goes with arrays of several numbers a row."""
+    flags: Bools = rows.reshape(-1, *[1] * (values.ndim - 1))
+    return flags
+
+
 def _told(infos: Infos, rows: Bools) -> dict[str, Any]:
     """Information as vector environments tell it: 0 where ``rows`` has none, with a mask beside each name."""
     told: dict[str, Any] = {}
     for name, values in infos.items():
-        told[name] = np.where(rows, values, np.zeros_like(values))
+        told[name] = np.where(along(rows, values), values, np.zeros_like(values))
         told[f"_{name}"] = rows.copy()
     return told
 

@@ -14,6 +14,7 @@ from tdcr import _tdcr
 from tdcr._arrays import Floats, as_count, as_number
 from tdcr.errors import InputError, NotSettledError
 from tdcr.robot import Robot
+from tdcr.scene import Scene, as_scene
 
 if TYPE_CHECKING:
     from tdcr.rig import Rig
@@ -46,6 +47,8 @@ class Settings:
     tolerance: float | None = None
     points: int = 256
     rig: str | os.PathLike[str] | Rig | None = None
+    scene: Scene | None = None
+    contact_cost: float = 0.0
 
     def __post_init__(self) -> None:
         if self.observation not in OBSERVATIONS:
@@ -56,6 +59,13 @@ class Settings:
         for name, value in (("timestep", self.timestep), ("rate", self.rate), ("tolerance", self.tolerance)):
             if value is not None and not as_number(value, name) > 0.0:
                 raise InputError(f"{name} is {value}; expected a number above 0")
+
+        if self.scene is not None:
+            as_scene(self.scene)
+        if not as_number(self.contact_cost, "contact_cost") >= 0.0:
+            raise InputError(f"contact_cost is {self.contact_cost}; expected a number of 0 or more")
+        if self.contact_cost and self.scene is None:
+            raise InputError(f"contact_cost is {self.contact_cost} without a scene; expected `scene`, or 0")
 
     @property
     def render_fps(self) -> float:
@@ -110,6 +120,7 @@ class World:
             settings.frame_skip,
             tuple(self.origin.tolist()),
             self.length,
+            None if settings.scene is None else settings.scene._native,
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -229,6 +240,12 @@ class World:
         if where is not None:
             return observed[:, where]
         return self.scaled(self.simulation.positions()[:, -1]).astype(np.float32)
+
+    def touch(self) -> dict[str, NDArray[Any]]:
+        """What the robots touch in a scene, by name, as :class:`tdcr.envs.TendonRobotEnv` has it; nothing without a scene."""
+        if self.settings.scene is None:
+            return {}
+        return dict(zip(("contacts", "contact_max", "contact_force", "disc_forces"), self.simulation.touch(), strict=True))
 
     def clouds(self, rows: list[int] | None = None) -> NDArray[np.float32]:
         """What the cameras see of some rows, or of all, shape (rows, points, 3) (m)."""

@@ -10,6 +10,7 @@
 //! that no bead passes through an obstacle on the way from the straight pose. Contacts are soft at first, and harden to what they are.
 
 mod clear;
+mod clearance;
 mod descent;
 mod equations;
 mod friction;

@@ -107,6 +107,11 @@ impl PairNeighbourhood {
         pairs
     }
 
+    /// For each disc the first above it that it can touch.
+    pub fn first(&self) -> &[usize] {
+        &self.first
+    }
+
     /// Finds all pairs of beads whose surfaces are within `reach` (m).
     pub fn find(&mut self, beads: &Beads, chain: &Chain, reach: f64) {
         self.near.clear();

@@ -3,6 +3,7 @@
 use super::descent::Minimisation;
 use super::equations::Equations;
 use super::law::Hardness;
+use super::near_pairs::PairNeighbourhood;
 use super::report::report;
 use super::{Contact, ContactEquilibrium, ContactError, ContactSensitivity, Sliding};
 use crate::chain::Configuration;
@@ -113,6 +114,12 @@ impl ContactSettler {
     /// The robot's collision geometry.
     pub fn beads(&self) -> &Beads {
         &self.equations.beads
+    }
+
+    /// For each disc the first above it that it can touch, which it can all from there on; `None` where discs pass through each
+    /// other.
+    pub fn touchable(&self) -> Option<&[usize]> {
+        self.equations.pairs.as_ref().map(PairNeighbourhood::first)
     }
 
     /// Where the robot last settled; before that, the straight pose, not converged.

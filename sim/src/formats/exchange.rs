@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::contact::ContactError;
 use crate::dynamics::DynamicsError;
 use crate::robot::{CommandError, LoadsError, Payload, RobotSpec, SpecError};
 
@@ -167,6 +168,9 @@ pub enum ExportError {
     /// The robot cannot move, or the time step is no positive number.
     #[error(transparent)]
     Motion(#[from] DynamicsError),
+    /// The robot cannot settle among the obstacles.
+    #[error(transparent)]
+    Contact(#[from] ContactError),
     /// The payload is not valid.
     #[error(transparent)]
     Payload(#[from] LoadsError),

@@ -5,7 +5,8 @@
 //! file of another tool says besides becomes a [`Note`].
 //!
 //! Exchange keeps meanings: a file that says something that a robot cannot have is refused with its line. What changes neither
-//! motion nor equilibria becomes a note, as do contacts, mocap bodies and cameras that move. An exported
+//! motion nor equilibria becomes a note, as do contacts, mocap bodies and cameras that move. What a MuJoCo model lets touch is read as a
+//! scene of its own ([`load_scene`]). An exported
 //! model's time step is stable about its keyframe, by the exact criterion for MuJoCo's Euler integrator. URDF has no tendons:
 //! an element `<tdcr>` holds the robot's own file, and is believed only where links and joints say the same.
 //!
@@ -30,6 +31,7 @@
 mod exchange;
 mod layout;
 mod load;
+mod load_scene;
 mod missing;
 pub mod mjcf;
 pub mod urdf;
@@ -39,4 +41,5 @@ pub use exchange::{ExportError, ImportError, Imported, Note, Place};
 pub(crate) use exchange::{is_inertia, negative};
 pub(crate) use layout::{DiscLayout, DiscMass, Layout, ring_around};
 pub use load::{RobotFileError, with_table};
+pub use load_scene::{SceneFileError, load_scene};
 pub use missing::MissingFields;

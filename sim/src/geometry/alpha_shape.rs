@@ -6,6 +6,7 @@ use std::collections::HashMap;
 use nalgebra::Vector3;
 
 use super::delaunay::tetrahedra;
+use super::triangles::cut;
 
 /// Share of the points that the shape joins.
 const JOINED: f64 = 0.99;
@@ -74,15 +75,9 @@ impl AlphaShape {
 
     /// The outline of that section: the ends of its pieces, two by two (m).
     pub fn outline(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        let height = |p: &Vector3<f64>| (p - point).dot(normal);
         let piece = |triangle: [usize; 3]| {
             let corners = triangle.map(|corner| self.points[corner]);
-            let edges = [(0, 1), (1, 2), (2, 0)].map(|(a, b)| (corners[a], corners[b]));
-            let cut = edges
-                .into_iter()
-                .filter(|(a, b)| (height(a) > 0.0) != (height(b) > 0.0));
-            cut.map(|(a, b)| a + (b - a) * (height(&a) / (height(&a) - height(&b))))
-                .collect::<Vec<_>>()
+            cut(corners, point, normal).into_iter().flatten()
         };
         self.boundary().into_iter().flat_map(piece).collect()
     }

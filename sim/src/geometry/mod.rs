@@ -2,7 +2,8 @@
 //!
 //! A [`Shape`] is centred on its frame's origin: a cylinder, box, sphere or capsule by its dimensions, or a triangle
 //! mesh ([`Shape::read_stl`]). A [`Solid`] is a shape with a pose in the world (m), a colour, and the [`Instance`] that
-//! it is a part of. A [`Pipe`] is the inside of a straight or bent tube. An [`AlphaShape`] is what points enclose.
+//! it is a part of. A [`Pipe`] is the inside of a straight or bent tube. An [`AlphaShape`] is what points enclose,
+//! [`Triangles`] a surface for drawings.
 //!
 //! ```
 //! use tdcr_sim::geometry::Shape;
@@ -22,6 +23,7 @@ mod shape;
 mod solid;
 mod stand;
 mod stl;
+mod triangles;
 
 pub use alpha_shape::AlphaShape;
 pub use beads::{Bead, Beads};
@@ -37,3 +39,4 @@ pub use shape::{Dimensions, Shape, ShapeError};
 pub use solid::{Instance, Solid};
 pub use stand::{Overlaps, Stand};
 pub use stl::StlError;
+pub use triangles::Triangles;

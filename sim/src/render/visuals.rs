@@ -6,19 +6,17 @@ use nalgebra::{Isometry3, Point3, Translation3};
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{
-    BASE_COLOR, Cuboid, Instance, Kind, Shape, Solid, Sphere, base_pose, base_solids, between,
-    disc_solids, rod_solids,
+    BASE_COLOR, Instance, Kind, Shape, Solid, Sphere, base_pose, base_solids, between, disc_solids,
+    rod_solids,
 };
 use crate::pose::Pose;
 use crate::robot::{Body, Payload, Robot, Waypoint};
-use crate::scene::{Obstacle, ObstacleShape, Scene};
+use crate::scene::Scene;
 
 const TENDON_COLOR: [u8; 3] = [60, 60, 60];
 const PAYLOAD_COLOR: [u8; 3] = [150, 155, 165];
 /// Radius that tendons are drawn with (m).
 const TENDON_RADIUS: f64 = 0.0005;
-/// Half sides of the box that a half space is seen as (m).
-const HALF_SPACE: [f64; 3] = [1.0, 1.0, 0.001];
 /// Density of steel (kg/m³).
 const STEEL: f64 = 7850.0;
 
@@ -119,7 +117,7 @@ impl Visuals {
     pub fn add_scene(&mut self, scene: &Scene) {
         let first = self.obstacle_count();
         for (index, added) in scene.obstacles().iter().enumerate() {
-            let (shape, pose) = seen(added);
+            let (shape, pose) = added.seen();
             self.solids.push(Solid {
                 shape,
                 pose,
@@ -156,17 +154,4 @@ pub fn tendon_holes<'a>(robot: &Robot, pose: impl Into<Pose<'a>>) -> Vec<Vec<Poi
 /// The label of an obstacle; those beyond the largest share it.
 fn obstacle(index: usize) -> Instance {
     Instance::Obstacle(u16::try_from(index).unwrap_or(u16::MAX))
-}
-
-/// The shape that an obstacle is seen as, and its pose in the world (m).
-fn seen(obstacle: &Obstacle) -> (Shape, Isometry3<f64>) {
-    match &obstacle.shape {
-        ObstacleShape::Solid(shape) => (shape.clone(), obstacle.pose),
-        ObstacleShape::Pipe(pipe) => (pipe.mesh(), obstacle.pose),
-        ObstacleShape::HalfSpace => {
-            let half = HALF_SPACE.into();
-            let middle = Translation3::new(0.0, 0.0, -HALF_SPACE[2]);
-            (Shape(Kind::Cuboid(Cuboid { half })), obstacle.pose * middle)
-        }
-    }
 }

@@ -10,7 +10,10 @@ use super::compile::{ObstacleShape, Sources};
 use super::error::{called, refuse};
 use super::shape_spec::ShapeSpec;
 use super::spec::ObstacleSpec;
+use crate::geometry::{Cuboid, Kind, Shape, Triangles};
 
+/// Half sides of the box that a half space is seen as (m).
+const HALF_SPACE: [f64; 3] = [1.0, 1.0, 0.001];
 /// Longest name (characters).
 const LONGEST_NAME: usize = 100;
 
@@ -62,6 +65,26 @@ impl Obstacle {
             mass: spec.mass,
             source: None,
         }
+    }
+
+    /// The shape that it is seen as, and its pose in the world (m): a pipe as its mesh, a half space as a box of 2 m by 2 m by 2 mm
+    /// whose top is the plane about the origin of its frame.
+    pub fn seen(&self) -> (Shape, Isometry3<f64>) {
+        match &self.shape {
+            ObstacleShape::Solid(shape) => (shape.clone(), self.pose),
+            ObstacleShape::Pipe(pipe) => (pipe.mesh(), self.pose),
+            ObstacleShape::HalfSpace => {
+                let half = HALF_SPACE.into();
+                let middle = Translation3::new(0.0, 0.0, -HALF_SPACE[2]);
+                (Shape(Kind::Cuboid(Cuboid { half })), self.pose * middle)
+            }
+        }
+    }
+
+    /// The surface of what it is [seen](Self::seen) as, in the world.
+    pub fn surface(&self) -> Triangles {
+        let (shape, pose) = self.seen();
+        shape.triangles(&pose)
     }
 
     /// All that is below the obstacle's x-y plane.

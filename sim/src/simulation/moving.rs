@@ -75,9 +75,13 @@ impl MovingRobot {
         moving
     }
 
-    /// What the robot touched in the last time step: [`ContactStepper::contacts`].
+    /// What the robot touched in the last time step: [`ContactStepper::contacts`]. After a reset, what it touches at rest.
     pub fn contacts(&self) -> &[Contact] {
-        self.stepper.contacts()
+        match (self.taken, self.phase) {
+            (0, Phase::Checked) => &self.settler.found().contacts,
+            (0, _) => &[],
+            _ => self.stepper.contacts(),
+        }
     }
 
     /// The obstacles around the robot.

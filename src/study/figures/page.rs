@@ -5,11 +5,13 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use tdcr_base::files::write_atomically;
+use tdcr_sim::scene::Scene;
 
 use super::outputs::draw;
 use super::{dexterity, hysteresis, training};
 use crate::report::{
-    Aspect, Figure, Ink, Mark, Panel, Scale, Shape, StudyFigure, StudyPage, Surface, counted,
+    Aspect, Figure, Ink, Mark, Panel, Scale, Shape, StudyFigure, StudyPage, Surface, Window,
+    counted, sections,
 };
 use crate::study::error::StudyError;
 use crate::study::outputs::dexterity::Dexterity;
@@ -17,6 +19,7 @@ use crate::study::outputs::record::Record;
 use crate::study::outputs::summary::{Group, Groups};
 use crate::study::outputs::table::Table;
 use crate::study::outputs::workspace::{Workspace, bounds};
+use crate::study::spec::case;
 use crate::study::spec::cases::Cases;
 use crate::study::spec::models::Models;
 use crate::study::spec::variable::{phrase, plain};
@@ -57,6 +60,12 @@ pub(in crate::study) fn write(
                 &name,
                 surfaces.len(),
                 &study.robot_phrase(),
+                // The row was computed among them.
+                &case::scene(
+                    study,
+                    &cases.case(group.combination * study.samples()).settings,
+                )
+                .unwrap_or_default(),
             ));
             surfaces.push(Surface {
                 name,
@@ -111,6 +120,17 @@ fn summary(record: &Record) -> Vec<(String, String)> {
         ("Seed".to_owned(), study.seed.to_string()),
         ("Version of tdcr".to_owned(), record.tdcr_version.clone()),
     ];
+    if !study.scene.is_empty() {
+        let names = study
+            .scene
+            .obstacles()
+            .iter()
+            .map(|obstacle| obstacle.name.as_str());
+        rows.insert(
+            1,
+            ("Obstacles".to_owned(), names.collect::<Vec<_>>().join(", ")),
+        );
+    }
     let name = |what: &Variable| match study.unit(what) {
         "" => what.name().to_owned(),
         unit => format!("{what} ({unit})"),
@@ -189,8 +209,14 @@ fn millimetres(length: f64) -> f64 {
     (1e3 * length).round() + 0.0
 }
 
-/// Two sections of a workspace: the tips nearby, and the outline of the alpha shape.
-fn section_figure(workspace: &Workspace, name: &str, number: usize, robot: &str) -> StudyFigure {
+/// Two sections of a workspace: the tips nearby, the outline of the alpha shape, and that of obstacles.
+fn section_figure(
+    workspace: &Workspace,
+    name: &str,
+    number: usize,
+    robot: &str,
+    scene: &Scene,
+) -> StudyFigure {
     let points = workspace.shape.points();
     let (low, high) = bounds(points);
     let middle = (low + high) / 2.0;
@@ -207,6 +233,8 @@ fn section_figure(workspace: &Workspace, name: &str, number: usize, robot: &str)
             ink,
             points,
         };
+        let window = Window::around(points.iter().map(flat));
+        let obstacles = sections(scene, &normal, &middle, window, flat);
         let axis = |k: usize| Scale::linear(["x (mm)", "y (mm)", "z (mm)"][k]);
         Panel {
             title,
@@ -220,6 +248,7 @@ fn section_figure(workspace: &Workspace, name: &str, number: usize, robot: &str)
                     Ink::Black,
                     outline.iter().map(flat).collect(),
                 ),
+                obstacles,
             ],
         }
     };
@@ -229,11 +258,15 @@ fn section_figure(workspace: &Workspace, name: &str, number: usize, robot: &str)
         title: format!("Reachable workspace: {name}"),
         caption: format!(
             "Sections through the middle of all tips. Black: outline of the alpha shape of {} tips (alpha {:.1} mm, volume {:.3} \
-             dm\u{b3}); blue: tips within {:.0} mm of the plane. {robot}",
+             dm\u{b3}); blue: tips within {:.0} mm of the plane{}. {robot}",
             points.len(),
             1e3 * workspace.shape.alpha,
             1e3 * workspace.shape.volume,
-            1e3 * SLICE * extent / 2.0
+            1e3 * SLICE * extent / 2.0,
+            match scene.obstacles().is_empty() {
+                true => "",
+                false => "; vermilion: obstacles",
+            }
         ),
         panels: vec![
             panel(

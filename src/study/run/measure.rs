@@ -6,11 +6,13 @@ use nalgebra::{DMatrix, Matrix3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::chain::Configuration;
+use tdcr_sim::contact::ContactEquilibrium;
 use tdcr_sim::pose::ToolFrame;
 use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::sensitivity::Sensitivity;
-use tdcr_sim::statics::{Equilibrium, Examined, Settler, Stability};
+use tdcr_sim::statics::{Equilibrium, Examined, Stability};
 
+use super::solver::Solver;
 use crate::pipeline::Probed;
 use crate::study::outputs::table::Cell;
 use crate::study::outputs::tip_loop::TipLoop;
@@ -29,18 +31,31 @@ pub(super) struct Settled<'a> {
     pub robot: &'a Robot,
     pub command: &'a Command,
     pub loads: &'a Loads,
-    pub equilibrium: &'a Equilibrium,
+    pub found: &'a ContactEquilibrium,
     /// Time that settling took (s).
     pub seconds: f64,
     /// What the model scores on it.
     pub probed: Option<Probed>,
+    /// Smallest stiffness (N m/rad), if it is wanted.
+    pub stiffness: f64,
+    /// Smallest gap to obstacles (m), if contact is wanted.
+    pub clearance: f64,
 }
 
 /// Settles; returns the time that it took (s).
-pub(super) fn settle(settler: &mut Settler, command: &Command, loads: &Loads) -> f64 {
+///
+/// # Errors
+/// What cannot be solved among obstacles, as text.
+pub(super) fn settle(
+    settler: &mut Solver,
+    command: &Command,
+    loads: &Loads,
+) -> Result<f64, String> {
     let began = Instant::now();
-    settler.settle(command, loads);
-    began.elapsed().as_secs_f64()
+    settler
+        .settle(command, loads)
+        .map_err(|error| error.to_string())?;
+    Ok(began.elapsed().as_secs_f64())
 }
 
 impl Settled<'_> {
@@ -48,19 +63,19 @@ impl Settled<'_> {
     pub fn cells(
         &self,
         want: Output,
-        settler: &mut Settler,
+        settler: &mut Solver,
         derivatives: Option<&Sensitivity>,
     ) -> Vec<Cell> {
         let numbers = |numbers: &[f64]| numbers.iter().copied().map(Cell::Number).collect();
         match want {
             Output::Tip => {
-                let tip = self.equilibrium.pose().tip();
+                let tip = self.found.equilibrium.pose().tip();
                 let (p, q) = (tip.translation.vector, tip.rotation);
                 numbers(&[p.x, p.y, p.z, q.w, q.i, q.j, q.k])
             }
             Output::Deflection => numbers(&self.deflection(settler)),
             Output::Tension => {
-                let tensions = || self.equilibrium.tendon_tensions.iter().copied();
+                let tensions = || self.found.equilibrium.tendon_tensions.iter().copied();
                 let (least, most) = (
                     tensions().fold(f64::INFINITY, f64::min),
                     tensions().fold(f64::NEG_INFINITY, f64::max),
@@ -68,21 +83,18 @@ impl Settled<'_> {
                 let margin = self.study.tension_limit.map(|limit| limit - most);
                 numbers(&[&[least, most], margin.as_slice()].concat())
             }
-            Output::Energy => {
-                numbers(&[self
-                    .robot
-                    .potential_energy(self.command, self.loads, self.equilibrium)])
-            }
+            Output::Energy => numbers(&[self.robot.potential_energy(
+                self.command,
+                self.loads,
+                &self.found.equilibrium,
+            )]),
             Output::Stability => {
-                let stability = self.equilibrium.stability.map_or("", Stability::name);
-                let examined = self.equilibrium.examined.map_or("", Examined::name);
-                let stiffness =
-                    self.robot
-                        .smallest_stiffness(self.command, self.loads, self.equilibrium);
+                let stability = self.found.equilibrium.stability.map_or("", Stability::name);
+                let examined = self.found.equilibrium.examined.map_or("", Examined::name);
                 vec![
                     Cell::Text(stability.to_owned()),
                     Cell::Text(examined.to_owned()),
-                    Cell::Number(stiffness),
+                    Cell::Number(self.stiffness),
                 ]
             }
             Output::Compliance => {
@@ -93,8 +105,8 @@ impl Settled<'_> {
                 numbers(&[least, most, most / least])
             }
             Output::Manipulability => {
-                let axes =
-                    derivatives.map(|d| ellipsoid(&tip_jacobian(self.robot, d, self.equilibrium)));
+                let axes = derivatives
+                    .map(|d| ellipsoid(&tip_jacobian(self.robot, d, &self.found.equilibrium)));
                 let [least, middle, most] = axes.unwrap_or([f64::NAN; 3]);
                 numbers(&[least, middle, most, least * middle * most])
             }
@@ -103,6 +115,7 @@ impl Settled<'_> {
                     .and_then(|d| self.forces(d))
                     .unwrap_or([f64::NAN; 3]),
             ),
+            Output::Contact => self.contact(),
             Output::Equilibria => {
                 let (count, apart) = self.equilibria(settler);
                 vec![Cell::Whole(count), Cell::Number(apart)]
@@ -115,7 +128,7 @@ impl Settled<'_> {
                 numbers(&numbers_of_loop.unwrap_or([f64::NAN; 3]))
             }
             Output::Cost => {
-                let steps = i64::try_from(self.equilibrium.iterations).unwrap_or(i64::MAX);
+                let steps = i64::try_from(self.found.equilibrium.iterations).unwrap_or(i64::MAX);
                 vec![Cell::Whole(steps), Cell::Number(self.seconds)]
             }
             Output::Model => match &self.probed {
@@ -132,13 +145,26 @@ impl Settled<'_> {
         }
     }
 
+    /// Contacts, their largest force and the sum of all (N), deepest penetration and smallest gap (m).
+    fn contact(&self) -> Vec<Cell> {
+        let contacts = &self.found.contacts;
+        let forces = || contacts.iter().map(|contact| contact.force.norm());
+        vec![
+            Cell::Whole(i64::try_from(contacts.len()).unwrap_or(i64::MAX)),
+            Cell::Number(forces().fold(0.0, f64::max)),
+            Cell::Number(forces().sum()),
+            Cell::Number(self.found.penetration),
+            Cell::Number(self.clearance),
+        ]
+    }
+
     /// How far the loads move the tip, and how far down along gravity (m).
-    fn deflection(&self, settler: &mut Settler) -> [f64; 2] {
-        let unloaded = settler.settle(self.command, &Loads::default());
-        if !unloaded.converged {
+    fn deflection(&self, settler: &mut Solver) -> [f64; 2] {
+        let settled = settler.settle(self.command, &Loads::default()).ok();
+        let Some(unloaded) = settled.filter(|unloaded| unloaded.converged) else {
             return [f64::NAN; 2];
-        }
-        let moved = self.equilibrium.pose().tip().translation.vector
+        };
+        let moved = self.found.equilibrium.pose().tip().translation.vector
             - unloaded.pose().tip().translation.vector;
         let down = Vector3::from(self.robot.spec().gravity).try_normalize(0.0);
         [moved.norm(), down.map_or(f64::NAN, |down| moved.dot(&down))]
@@ -148,7 +174,7 @@ impl Settled<'_> {
     /// under commands of unit norm: the tip's stiffness `C⁻¹` times its Jacobian.
     fn forces(&self, derivatives: &Sensitivity) -> Option<[f64; 3]> {
         let stiffness = tip_compliance(self.robot, derivatives)?.try_inverse()?;
-        let jacobian = tip_jacobian(self.robot, derivatives, self.equilibrium);
+        let jacobian = tip_jacobian(self.robot, derivatives, &self.found.equilibrium);
         Some(ellipsoid(
             &(DMatrix::from_iterator(3, 3, stiffness.iter().copied()) * jacobian),
         ))
@@ -156,10 +182,10 @@ impl Settled<'_> {
 
     /// Stable equilibria found from random poses and the one reported, and the largest distance of their tips from the
     /// latter (m).
-    fn equilibria(&self, settler: &mut Settler) -> (i64, f64) {
+    fn equilibria(&self, settler: &mut Solver) -> (i64, f64) {
         let tip = |equilibrium: &Equilibrium| equilibrium.pose().tip().translation.vector;
         let length = self.robot.arc_lengths().last().copied().unwrap_or(1.0);
-        let mut found = vec![tip(self.equilibrium)];
+        let mut found = vec![tip(&self.found.equilibrium)];
         // The same poses for every configuration.
         let mut rng = ChaCha8Rng::seed_from_u64(self.study.seed);
         for _ in 0..STARTS {
@@ -168,6 +194,9 @@ impl Settled<'_> {
                 .map(|_| UnitQuaternion::from_scaled_axis(Vector3::from_fn(|_, _| angle())));
             let start = Configuration(joints.collect());
             let settled = settler.settle_from(&start, self.command, self.loads);
+            let Ok(settled) = settled else {
+                continue;
+            };
             let place = tip(settled);
             if settled.converged
                 && found

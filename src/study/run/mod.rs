@@ -4,6 +4,7 @@ mod finish;
 mod measure;
 mod merge;
 mod progress;
+mod solver;
 mod worker;
 
 pub use merge::merge;

@@ -2,9 +2,9 @@
 
 use serde_json::Value;
 use tdcr_sim::robot::Robot;
-use tdcr_sim::statics::Settler;
 
 use super::measure::{Settled, settle};
+use super::solver::Solver;
 use crate::pipeline::Probe;
 use crate::study::outputs::columns::{SETTLED, cell, columns, needs_tip};
 use crate::study::outputs::table::Cell;
@@ -27,7 +27,7 @@ type Compiled = (Vec<Value>, Result<Ready, String>);
 /// What configurations are computed with.
 struct Ready {
     robot: Robot,
-    settler: Settler,
+    settler: Solver,
     /// The model that is tried on the robot.
     probe: Option<Probe>,
 }
@@ -78,8 +78,9 @@ impl<'a> Worker<'a> {
             cells.extend(command.as_slice().iter().copied().map(Cell::Number));
             cells.resize(width, Cell::Empty);
         }
-        let seconds = settle(settler, &command, &loads);
-        let equilibrium = settler.equilibrium().clone();
+        let seconds = settle(settler, &command, &loads)?;
+        let found = settler.found();
+        let equilibrium = &found.equilibrium;
         if let Some(failure) = equilibrium.failure(robot, &command) {
             cells.push(Cell::Text(failure.to_string()));
             return Ok(cells);
@@ -87,19 +88,16 @@ impl<'a> Worker<'a> {
         // Before all else, which then is not computed in vain.
         let sample = (index % study.samples()) as u64;
         let probed = (probe.as_ref())
-            .map(|probe| probe.score(&command, &loads, &equilibrium, sample))
+            .map(|probe| probe.score(&command, &loads, equilibrium, sample))
             .transpose()
             .map_err(|error| error.to_string())?;
         cells.push(Cell::Text(SETTLED.to_owned()));
-        let settled = Settled {
-            study,
-            robot,
-            command: &command,
-            loads: &loads,
-            equilibrium: &equilibrium,
-            seconds,
-            probed,
-        };
+        // What the settler knows of this equilibrium, before it settles for other outputs.
+        let (stiffness, clearance) = (
+            (study.want.contains(&Output::Stability))
+                .then(|| settler.smallest_stiffness(&command, &loads)),
+            (study.want.contains(&Output::Contact)).then(|| settler.clearance()),
+        );
         let needs = |want: &Output| {
             matches!(
                 want,
@@ -107,8 +105,19 @@ impl<'a> Worker<'a> {
             )
         };
         let derivatives = match study.want.iter().any(needs) {
-            true => robot.sensitivity(&command, &loads, &equilibrium).ok(),
+            true => settler.sensitivity(&command, &loads),
             false => None,
+        };
+        let settled = Settled {
+            study,
+            robot,
+            command: &command,
+            loads: &loads,
+            found: &found,
+            seconds,
+            probed,
+            stiffness: stiffness.unwrap_or(f64::NAN),
+            clearance: clearance.unwrap_or(f64::NAN),
         };
         let tip = needs_tip(study).then_some(Output::Tip);
         for want in tip.into_iter().chain(study.want.iter().copied()) {
@@ -117,7 +126,7 @@ impl<'a> Worker<'a> {
         Ok(cells)
     }
 
-    /// The robot of the settings, its solver and its model.
+    /// The robot of the settings and what is around it, its solver and its model.
     fn compiled(&mut self, settings: &[Setting]) -> Result<&mut Ready, String> {
         let of_robot = settings.iter().filter(|setting| setting.0.is_of_robot());
         let key: Vec<Value> = of_robot.map(|setting| setting.1.clone()).collect();
@@ -138,7 +147,7 @@ fn ready(study: &Study, settings: &[Setting]) -> Result<Ready, String> {
     let models = study.models.as_ref();
     let probe = models.map(|models| models.probe(settings, &robot, study.seed));
     Ok(Ready {
-        settler: Settler::new(&robot),
+        settler: Solver::new(&robot, &case::scene(study, settings)?),
         probe: probe.transpose()?,
         robot,
     })

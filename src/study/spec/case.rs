@@ -5,6 +5,8 @@ use tdcr_sim::robot::{
     Backbone, Command, Frame, Friction, Loads, PerDisc, Robot, RobotSpec, Wrench,
 };
 
+use tdcr_sim::scene::Scene;
+
 use super::Study;
 use super::variable::{Place, Setting, Target, Variable};
 
@@ -29,6 +31,28 @@ pub(in crate::study) fn robot(study: &Study, settings: &[Setting]) -> Result<Rob
             .map_err(|reason| format!("{variable}: {reason}"))?;
     }
     Robot::new(spec).map_err(|error| error.to_string())
+}
+
+/// What is around the robot of some settings: obstacles of the study, or those that a model was trained among.
+///
+/// # Errors
+/// That there is no such scene, as text.
+pub(in crate::study) fn scene(study: &Study, settings: &[Setting]) -> Result<Scene, String> {
+    if let Some(models) = &study.models {
+        return Ok(models.of(settings)?.subject.scene.clone());
+    }
+    let named = settings
+        .iter()
+        .rev()
+        .find(|setting| setting.0.target == Target::Scene);
+    let Some((_, value)) = named else {
+        return Ok(study.scene.clone());
+    };
+    let name = value.as_str().unwrap_or_default();
+    let found = study.scenes.get(name);
+    found
+        .cloned()
+        .ok_or_else(|| format!("there is no scene `{name}`"))
 }
 
 fn change(
@@ -81,6 +105,7 @@ fn change(
             spec = spec.with(&all).map_err(|error| error.to_string())?;
         }
         Target::Model
+        | Target::Scene
         | Target::Seed
         | Target::Command
         | Target::Tendon(_)

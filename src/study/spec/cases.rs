@@ -200,6 +200,7 @@ impl<'a> Cases<'a> {
             overlap::check(study, robot.spec(), &case.settings)?;
             case::command(&robot, &case.settings, case.command.as_deref())?;
             case::loads(&robot, &case.settings)?;
+            case::scene(study, &case.settings)?;
             Ok(robot)
         };
         for (variable, value) in &study.set {

@@ -9,9 +9,11 @@ use tdcr_base::files::{Table, read_text, with_place};
 use tdcr_learn::data::{Design, Subject};
 use tdcr_sim::formats::Note;
 use tdcr_sim::robot::RobotSpec;
+use tdcr_sim::scene::Scene;
 
 use super::cases::Cases;
 use super::models::{Models, ModelsInFile};
+use super::scenes;
 use super::variable::{NAMES, Target, Variable};
 use super::vary::Vary;
 use super::{HysteresisLoop, Levels, Output, Sample, Sampled, Study};
@@ -26,6 +28,7 @@ const LARGEST: u64 = 1 << 20;
 struct InFile {
     title: Option<String>,
     robot: Option<String>,
+    scene: Option<String>,
     model: Option<ModelsInFile>,
     #[serde(default)]
     seed: u64,
@@ -66,14 +69,18 @@ impl Study {
     /// [`StudyError::Read`], [`StudyError::Parse`] or [`StudyError::File`], which say the file, the key and what would be
     /// right.
     pub fn load(path: &Path) -> Result<Self, StudyError> {
-        Self::load_with_notes(path).map(|(study, _)| study)
+        Self::load_with_notes(path, None).map(|(study, _)| study)
     }
 
-    /// As [`Study::load`], with notes on what was passed over in robots' files of other tools.
+    /// As [`Study::load`], with notes on what was passed over in robots' files of other tools, and `scene` around the robot, if one is
+    /// given, in place of the file's.
     ///
     /// # Errors
     /// As [`Study::load`].
-    pub fn load_with_notes(path: &Path) -> Result<(Self, Vec<Note>), StudyError> {
+    pub fn load_with_notes(
+        path: &Path,
+        scene: Option<&Scene>,
+    ) -> Result<(Self, Vec<Note>), StudyError> {
         let text = read_text(path, LARGEST).map_err(|source| StudyError::Read {
             path: path.to_owned(),
             source,
@@ -81,7 +88,7 @@ impl Study {
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut notes = Vec::new();
         let file = InFile::parse(&text, path)?;
-        let study = file.in_folder(folder, path, &mut notes)?;
+        let study = file.in_folder(folder, path, scene, &mut notes)?;
         Ok((study, notes))
     }
 
@@ -94,13 +101,14 @@ impl Study {
         text: &str,
         folder: &Path,
         path: &Path,
+        scene: Option<&Scene>,
     ) -> Result<(Self, Vec<Note>), StudyError> {
         let file: InFile = serde_json::from_str(text).map_err(|error| StudyError::Parse {
             path: path.to_owned(),
             reason: with_place(&error.to_string(), &InFile::tables()),
         })?;
         let mut notes = Vec::new();
-        let study = file.in_folder(folder, path, &mut notes)?;
+        let study = file.in_folder(folder, path, scene, &mut notes)?;
         Ok((study, notes))
     }
 
@@ -109,7 +117,8 @@ impl Study {
     /// # Errors
     /// As [`Study::load`].
     pub fn parse(text: &str, folder: &Path, path: &Path) -> Result<Self, StudyError> {
-        InFile::parse(text, path)?.in_folder(folder, path, &mut Vec::new())
+        let file = InFile::parse(text, path)?;
+        file.in_folder(folder, path, None, &mut Vec::new())
     }
 }
 
@@ -136,21 +145,31 @@ impl InFile {
         self,
         folder: &Path,
         path: &Path,
+        scene: Option<&Scene>,
         notes: &mut Vec<Note>,
     ) -> Result<Study, StudyError> {
-        self.study(folder, notes)
+        self.study(folder, scene, notes)
             .map_err(|refusal| StudyError::File {
                 path: path.to_owned(),
                 refusal: Box::new(refusal),
             })
     }
 
-    fn study(self, folder: &Path, notes: &mut Vec<Note>) -> Result<Study, Refusal> {
-        let mut robots = BTreeMap::new();
+    fn study(
+        self,
+        folder: &Path,
+        scene: Option<&Scene>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Study, Refusal> {
+        let (mut robots, mut scenes) = (BTreeMap::new(), BTreeMap::new());
         let set = (self.set.into_iter())
             .map(|(name, value)| {
                 let key = format!("set.\"{name}\"");
                 let variable = variable(&key, &name)?;
+                if variable.target == Target::Scene {
+                    let expected = "the key `scene` above all tables";
+                    return Err(Refusal::value(key, value, expected));
+                }
                 Ok((variable, value))
             })
             .collect::<Result<Vec<_>, Refusal>>()?;
@@ -166,18 +185,20 @@ impl InFile {
             }
             match vary.values(&key, &what)? {
                 Some(values) => {
-                    if what.target == Target::Robot {
-                        for (place, value) in values.iter().enumerate() {
-                            let key = format!("{key}.values[{place}]");
-                            let Some(name) = value.as_str() else {
-                                return Err(Refusal::value(
-                                    key,
-                                    value,
-                                    "the name or path of a robot",
-                                ));
-                            };
-                            let robot = load_robot(&key, name, folder, notes)?;
-                            robots.insert(name.to_owned(), robot);
+                    for (place, value) in values.iter().enumerate() {
+                        let key = format!("{key}.values[{place}]");
+                        match what.target {
+                            Target::Robot => {
+                                let name = text(&key, value, "the name or path of a robot")?;
+                                let robot = load_robot(&key, name, folder, notes)?;
+                                robots.insert(name.to_owned(), robot);
+                            }
+                            Target::Scene => {
+                                let name = text(&key, value, "the path of a scene file")?;
+                                let scene = scenes::load(&key, name, folder)?;
+                                scenes.insert(name.to_owned(), scene);
+                            }
+                            _ => break,
                         }
                     }
                     levels.push(Levels { what, values });
@@ -200,7 +221,9 @@ impl InFile {
         let want = wanted(&self.want, sample.is_some())?;
         let of_model = self.model.map(|model| model.read(&set, &levels, folder));
         let models = of_model.transpose()?;
-        check_models(&models, &want, &self.robot, &set, &levels)?;
+        let has_scene = self.scene.is_some() || scene.is_some() || !scenes.is_empty();
+        check_models(&models, &want, &self.robot, has_scene, &set, &levels)?;
+        let scene = scenes::of_all(scene, self.scene.as_deref(), folder)?;
         let robot_name = self.robot.unwrap_or_else(|| Subject::ROBOT.to_owned());
         let robot = match models.as_ref().and_then(Models::first) {
             Some(model) => model.subject.robot.clone(),
@@ -225,6 +248,8 @@ impl InFile {
             },
             robot,
             robots,
+            scene,
+            scenes,
             models,
             seed: self.seed,
             set,
@@ -237,6 +262,7 @@ impl InFile {
             dexterity_radius: self.dexterity_radius,
             hysteresis: self.hysteresis.checked()?,
         };
+        study.check_scenes()?;
         Cases::new(&study)?.check(&study)?;
         Ok(study)
     }
@@ -259,11 +285,12 @@ impl HysteresisLoop {
     }
 }
 
-/// Refuses an output of models without any, models without their output, and robots beside those of models.
+/// Refuses an output of models without any, models without their output, and robots and scenes beside those of models.
 fn check_models(
     models: &Option<Models>,
     want: &[Output],
     robot: &Option<String>,
+    has_scene: bool,
     set: &[(Variable, Value)],
     levels: &[Levels],
 ) -> Result<(), Refusal> {
@@ -290,14 +317,18 @@ fn check_models(
         return Err(Refusal::value(what.name(), "a variable", expected));
     }
     let robots = robot.is_some() || variables().any(|what| what.target == Target::Robot);
-    match models.is_some() && robots {
-        true => Err(Refusal::value(
+    let (key, expected) = match (models.is_some(), robots, has_scene) {
+        (true, true, _) => (
             "robot",
-            "there",
             "no other robot than the model's own, beside a table `model`",
-        )),
-        false => Ok(()),
-    }
+        ),
+        (true, false, true) => (
+            "scene",
+            "no other scene than that of the model's data set, beside a table `model`",
+        ),
+        _ => return Ok(()),
+    };
+    Err(Refusal::value(key, "there", expected))
 }
 
 fn load_robot(
@@ -319,6 +350,11 @@ fn load_robot(
     })?;
     notes.extend(found);
     Ok(robot)
+}
+
+/// The text that a value is.
+fn text<'a>(key: &str, value: &'a Value, expected: &str) -> Result<&'a str, Refusal> {
+    (value.as_str()).ok_or_else(|| Refusal::value(key, value, expected))
 }
 
 fn variable(key: &str, name: &str) -> Result<Variable, Refusal> {

@@ -8,6 +8,7 @@ mod file;
 pub(in crate::study) mod models;
 mod output;
 mod overlap;
+mod scenes;
 mod starter;
 pub(in crate::study) mod variable;
 pub(in crate::study) mod vary;
@@ -23,8 +24,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tdcr_learn::data::Design;
 use tdcr_sim::robot::{Drive, RobotSpec};
+use tdcr_sim::scene::Scene;
 
-use crate::report::Spacing;
+use crate::report::{Spacing, counted};
 use models::Models;
 use variable::Target;
 
@@ -39,6 +41,12 @@ pub struct Study {
     pub robot: RobotSpec,
     /// Robots that take its place, by the names or paths that the file gives.
     pub(in crate::study) robots: BTreeMap<String, RobotSpec>,
+    /// What is around the robot.
+    #[serde(default, skip_serializing_if = "Scene::is_empty")]
+    pub scene: Scene,
+    /// Scenes that take its place, by the paths that the file gives.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(in crate::study) scenes: BTreeMap<String, Scene>,
     /// Trained models that are tried, whose robots are then those of the study.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::study) models: Option<Models>,
@@ -136,9 +144,25 @@ impl Study {
     pub(in crate::study) fn robot_phrase(&self) -> String {
         match (&self.models, self.robots.is_empty()) {
             (Some(models), _) => models.phrase(),
-            (None, true) => format!("Robot {}.", self.robot_name),
+            (None, true) => format!("Robot {}{}.", self.robot_name, self.among()),
             (None, false) => String::new(),
         }
+    }
+
+    /// What is around the robot in all configurations, a phrase; nothing where that is nothing, or varied.
+    fn among(&self) -> String {
+        match (self.scene.obstacles().len(), self.scenes.is_empty()) {
+            (0, _) | (_, false) => String::new(),
+            (count, true) => format!(" among {}", counted(count, "obstacle")),
+        }
+    }
+
+    /// All scenes of the configurations, those that models were trained in included.
+    pub(in crate::study) fn all_scenes(&self) -> impl Iterator<Item = &Scene> {
+        let of_models = self.models.iter().flat_map(Models::all);
+        std::iter::once(&self.scene)
+            .chain(self.scenes.values())
+            .chain(of_models.map(|(_, model)| &model.subject.scene))
     }
 
     /// Unit of a variable's values; empty where there is none. Commands are in metres, or in newtons, where all tendons of all

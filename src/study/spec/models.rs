@@ -235,7 +235,7 @@ impl Models {
         Ok(Probe::new(
             model,
             robot,
-            found.subject.base,
+            &found.subject,
             self.voxel,
             compared,
         ))

@@ -25,6 +25,8 @@ pub enum Output {
     Manipulability,
     /// The ellipsoid of forces that the tip, fixed in place, exerts under commands of unit norm.
     Force,
+    /// What the robot touches, and how hard.
+    Contact,
     /// Equilibria found from random poses.
     Equilibria,
     /// The loop of the tip as one tendon is pulled and let go, with friction.
@@ -44,7 +46,7 @@ pub(in crate::study) type Limited = bool;
 
 impl Output {
     /// All outputs.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Tip,
         Self::Deflection,
         Self::Tension,
@@ -53,6 +55,7 @@ impl Output {
         Self::Compliance,
         Self::Manipulability,
         Self::Force,
+        Self::Contact,
         Self::Equilibria,
         Self::Hysteresis,
         Self::Cost,
@@ -72,6 +75,7 @@ impl Output {
             Self::Compliance => "compliance",
             Self::Manipulability => "manipulability",
             Self::Force => "force",
+            Self::Contact => "contact",
             Self::Equilibria => "equilibria",
             Self::Hysteresis => "hysteresis",
             Self::Cost => "cost",
@@ -130,6 +134,13 @@ impl Output {
                 number("force_mid", "N per command"),
                 number("force_max", "N per command"),
             ],
+            Self::Contact => vec![
+                whole("contacts"),
+                number("contact_max", "N"),
+                number("contact_sum", "N"),
+                number("penetration", "m"),
+                number("gap", "m"),
+            ],
             Self::Equilibria => vec![whole("equilibria"), number("equilibria_apart", "m")],
             Self::Hysteresis => vec![
                 number("loop_width", "m"),
@@ -159,6 +170,7 @@ impl Output {
             Self::Compliance => "Compliance of the tip",
             Self::Manipulability => "Manipulability",
             Self::Force => "Forces of the tip held in place",
+            Self::Contact => "Contact",
             Self::Equilibria => "Equilibria",
             Self::Hysteresis => "Hysteresis",
             Self::Cost => "Cost of settling",
@@ -191,6 +203,11 @@ impl Output {
             "force_min" => "Shortest axis of the force ellipsoid",
             "force_mid" => "Middle axis of the force ellipsoid",
             "force_max" => "Longest axis of the force ellipsoid",
+            "contacts" => "Contacts",
+            "contact_max" => "Largest contact force",
+            "contact_sum" => "Sum of contact forces",
+            "penetration" => "Deepest penetration",
+            "gap" => "Smallest gap to obstacles",
             "equilibria" => "Equilibria found",
             "equilibria_apart" => "Largest distance between equilibria",
             "loop_width" => "Width of the hysteresis loop",

@@ -66,6 +66,7 @@ impl Numbers {
             Target::Moment(place, axis) => vec![Parameter::Moment(disc(place), *axis)],
             Target::Model
             | Target::Robot
+            | Target::Scene
             | Target::Modules
             | Target::Discs
             | Target::Stiffness

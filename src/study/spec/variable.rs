@@ -27,6 +27,8 @@ pub(in crate::study) enum Target {
     Model,
     /// The robot, by name or path.
     Robot,
+    /// The scene around the robot, by the path of its file.
+    Scene,
     /// The number of modules.
     Modules,
     /// The number of discs of every module.
@@ -75,6 +77,7 @@ impl Variable {
         match &self.target {
             Target::Model
             | Target::Robot
+            | Target::Scene
             | Target::Modules
             | Target::Discs
             | Target::Friction
@@ -95,7 +98,7 @@ impl Variable {
         matches!(self.target, Target::Modules | Target::Discs | Target::Seed)
     }
 
-    /// Whether it is part of the robot, not of its command, its loads or the seed.
+    /// Whether it is part of the robot or what is around it, not of its command, its loads or the seed.
     pub(in crate::study) fn is_of_robot(&self) -> bool {
         self.rank() < RANK_OF_COMMAND
     }
@@ -103,7 +106,7 @@ impl Variable {
     /// The order in which variables are applied: a number of modules before what the modules have.
     pub(in crate::study) fn rank(&self) -> usize {
         match self.target {
-            Target::Model | Target::Robot => 0,
+            Target::Model | Target::Robot | Target::Scene => 0,
             Target::Modules => 1,
             Target::Discs => 2,
             Target::Field(_) => 3,
@@ -140,7 +143,7 @@ const MODEL_PREFIX: &str = "model.";
 const RANK_OF_COMMAND: usize = 6;
 
 /// What names there are.
-pub(in crate::study) const NAMES: &str = "robot, modules, discs, stiffness, friction, payload, command, seed, force[tip].x, \
+pub(in crate::study) const NAMES: &str = "robot, scene, modules, discs, stiffness, friction, payload, command, seed, force[tip].x, \
      moment[tip].x, model.NAME (in the path of a model), a parameter of all (gain, pitch, density, hole_radius, ...), one of a tendon, module or disc \
      (gain[2], pitch[1], command[0], force[9].x), or a field of a robot file (modules[*].radius, gravity[2])";
 
@@ -150,6 +153,7 @@ impl FromStr for Variable {
     fn from_str(name: &str) -> Result<Self, String> {
         let target = match name {
             "robot" => Some(Target::Robot),
+            "scene" => Some(Target::Scene),
             "modules" => Some(Target::Modules),
             "discs" => Some(Target::Discs),
             "stiffness" => Some(Target::Stiffness),

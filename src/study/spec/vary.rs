@@ -105,7 +105,7 @@ impl Vary {
     }
 
     pub fn sampled(self, key: &str, what: Variable) -> Result<Sampled, Refusal> {
-        if what.is_whole() || what.target == Target::Robot {
+        if what.is_whole() || matches!(what.target, Target::Robot | Target::Scene) {
             let expected = "`values`, or `range` with `steps`: it is not sampled";
             return Err(Refusal::value(
                 key,

@@ -88,3 +88,23 @@ def test_commands_for_targets_are_found_among_obstacles() -> None:
     found = tdcr.inverse.shape("2m", target, scene=scene)
     again = tdcr.settle("2m", found.command, scene=scene)
     np.testing.assert_allclose(found.equilibrium.positions, again.positions, atol=1e-8)
+
+
+def test_clouds_and_streams_are_of_the_robot_among_obstacles() -> None:
+    post = tdcr.Obstacle.cylinder("post", 0.01, 0.4, position=(-0.06, 0.0, 0.25))
+    screen = tdcr.Obstacle.box("screen", (0.3, 0.002, 0.6), position=(0.0, -0.06, 0.3))
+    command = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019]
+    settled = tdcr.settle("2m", command, scene=tdcr.Scene([post]))
+    open_view, hidden = (tdcr.cloud("2m", settled, scene=scene) for scene in (None, tdcr.Scene([screen])))
+    assert 0 < len(hidden.points) < 0.9 * len(open_view.points)
+    # No point is of the screen.
+    apart = np.linalg.norm(hidden.points[:, None] - settled.positions[None], axis=2).min(axis=1)
+    assert apart.max() < 0.04
+    scene = tdcr.Scene([post])
+    stream, free = tdcr.Stream(scene=scene, points=200), tdcr.Stream(points=200)
+    assert tdcr.Stream(scene=scene, points=200).spec == stream.spec != free.spec
+    samples = [(next(stream), next(free)) for _ in range(6)]
+    assert all(np.array_equal(one.condition, other.condition) for one, other in samples)
+    assert any(not np.array_equal(one.points, other.points) for one, other in samples)
+    again = pickle.loads(pickle.dumps(tdcr.Stream(scene=scene, points=200)))
+    assert np.array_equal(next(again).points, samples[0][0].points)

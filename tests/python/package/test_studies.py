@@ -93,3 +93,24 @@ def test_what_is_wrong_is_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="holds another study"):
         tdcr.study({**STUDY, "seed": 1}, out)
     assert json.loads((out / "study.json").read_text())["settled"] == 24
+
+
+def test_a_study_in_a_scene_is_that_of_the_command_line(tmp_path: Path) -> None:
+    post = tdcr.Obstacle.cylinder("post", 0.01, 0.4, position=(-0.06, 0.0, 0.25))
+    scene = tdcr.Scene([post])
+    scene.save(tmp_path / "post.toml")
+    study = STUDY | {"want": ["tip", "contact"]}
+    file = tmp_path / "study.toml"
+    file.write_text('scene = "post.toml"' + TOML.replace('"deflection"', '"contact"'))
+    by_python, by_line = tmp_path / "python", tmp_path / "line"
+    tdcr.study(study, by_python, scene=scene)
+    command_line("study", file, "--out", by_line)
+    assert files(by_python) == files(by_line)
+    with (by_python / "table.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    commands = np.array([[float(row[f"c{k} (m)"]) for k in range(6)] for row in rows])
+    settled = tdcr.settle_batch("2m", commands, payload=[float(row["payload (kg)"]) for row in rows], scene=scene)
+    counts = np.bincount(settled.contacts.row, minlength=len(rows))
+    assert [int(row["contacts"]) for row in rows] == counts.tolist() and counts.any()
+    with pytest.raises(InputError, match="there is no scene"):
+        tdcr.study(study, tmp_path / "other")

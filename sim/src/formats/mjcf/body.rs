@@ -129,6 +129,10 @@ impl<'a> BodyReader<'a> {
             }
             // The last is taken up first: reversed, they are read in order.
             open.extend(fastened.into_iter().rev());
+            // What a disc touches with does not say what it looks like, beside something that does.
+            if masses.geoms.iter().any(|geom| !geom.is_bead()) {
+                masses.geoms.retain(|geom| !geom.is_bead());
+            }
             let parts = masses.parts(self.compiler.inertia_from_geom);
             group
                 .masses

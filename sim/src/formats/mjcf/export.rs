@@ -4,8 +4,9 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::check::{longest, representable};
 use super::keyframe::{KEYFRAME, Start};
+use super::obstacles::Touching;
 use super::options::ExportOptions;
-use super::write::{XmlWriter, number, numbers};
+use super::write::{XmlWriter, number, numbers, quaternion, rgba, vector};
 use super::written_joint::WrittenJoint;
 use crate::camera::Camera;
 use crate::formats::ExportError;
@@ -27,17 +28,22 @@ const IN_SERIES: &str = "Bending and torsion differ: each joint is a ball with t
 /// their actuators `tendon0`, ..; cameras `camera0`, ..; the keyframe `settled`. A command is MuJoCo's
 /// `ctrl`.
 ///
+/// With a scene, obstacles are geoms of the world by their names (`obstacle0`, .. where two would be the same), and what the robot
+/// touches with are spheres on its discs; [`scene_notes`](super::scene_notes) tells what MuJoCo has otherwise. The keyframe is an
+/// equilibrium among the obstacles.
+///
 /// # Errors
 /// [`ExportError`] for an invalid robot, and for whatever MuJoCo cannot represent with the same
 /// meaning, by the field's path: soft limits, friction of tendons, drives
 /// that set the length of an inextensible tendon, discs without mass, distorted lenses, cameras of
 /// unlike resolutions, pixels that are not square or centred on the optical axis. For a command of
-/// another robot, or one that it does not settle in, and for a time step that is not stable.
+/// another robot, or one that it does not settle in, and for a time step that is not stable. For a straight robot inside an obstacle.
 pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, ExportError> {
     let robot = Robot::new(spec.clone())?;
     representable(&robot, &options.payload)?;
     let joints: Vec<WrittenJoint> = robot.discs().iter().map(WrittenJoint::of).collect();
     let start = Start::of(&robot, options)?;
+    let touching = Touching::new(&robot, &options.scene);
     let timestep = start.timestep(&robot, &joints, options)?;
     let mut xml = XmlWriter::default();
     xml.open("mujoco", &[("model", spec.name.clone())]);
@@ -51,7 +57,8 @@ pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, Expor
         ],
     );
     write_visual(&mut xml, spec);
-    write_defaults(&mut xml);
+    write_defaults(&mut xml, &touching, timestep);
+    touching.write_meshes(&mut xml);
     xml.open("worldbody", &[]);
     write_cameras(&mut xml, spec);
     if options.base == BaseVisibility::Shown {
@@ -59,11 +66,13 @@ pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, Expor
             write_solid(&mut xml, &solid);
         }
     }
+    touching.write_obstacles(&mut xml);
     if !joints.iter().all(WrittenJoint::is_as_here) {
         xml.comment(IN_SERIES);
     }
-    write_chain(&mut xml, &robot, &joints, &options.payload);
+    write_chain(&mut xml, &robot, &joints, &options.payload, &touching);
     xml.close();
+    touching.write_exclusions(&mut xml);
     if !robot.tendons().is_empty() {
         write_tendons(&mut xml, &robot);
     }
@@ -114,7 +123,7 @@ fn write_visual(xml: &mut XmlWriter, spec: &RobotSpec) {
     xml.close();
 }
 
-fn write_defaults(xml: &mut XmlWriter) {
+fn write_defaults(xml: &mut XmlWriter, touching: &Touching, timestep: f64) {
     xml.open("default", &[]);
     let no_contact = [("contype", "0".to_owned()), ("conaffinity", "0".to_owned())];
     xml.leaf("geom", &no_contact);
@@ -132,6 +141,7 @@ fn write_defaults(xml: &mut XmlWriter) {
         &[("group", "1".to_owned()), ("mass", "0".to_owned())],
     );
     xml.close();
+    touching.write_defaults(xml, timestep);
     xml.close();
 }
 
@@ -187,7 +197,13 @@ fn write_solid(xml: &mut XmlWriter, solid: &Solid) {
 }
 
 /// The base and the discs, each within the one below.
-fn write_chain(xml: &mut XmlWriter, robot: &Robot, joints: &[WrittenJoint], payload: &Payload) {
+fn write_chain(
+    xml: &mut XmlWriter,
+    robot: &Robot,
+    joints: &[WrittenJoint],
+    payload: &Payload,
+    touching: &Touching,
+) {
     let spec = robot.spec();
     let mut base = vec![
         ("name", "base".to_owned()),
@@ -200,6 +216,7 @@ fn write_chain(xml: &mut XmlWriter, robot: &Robot, joints: &[WrittenJoint], payl
     write_sites(xml, spec, Body::Base, spec.base.hole_height);
     for (index, (disc, joint)) in robot.discs().iter().zip(joints).enumerate() {
         write_disc(xml, robot, index, disc, joint);
+        touching.write_beads(xml, index);
     }
     if payload.mass > 0.0 {
         xml.open("body", &[("name", "payload".to_owned())]);
@@ -352,18 +369,4 @@ fn carries_rod(spec: &RobotSpec, disc: usize) -> bool {
         let module = spec.module_of(disc).map(|module| &spec.modules[module]);
         module.is_some_and(|module| module.rod.is_some())
     })
-}
-
-fn vector(v: &Vector3<f64>) -> String {
-    numbers(v.as_slice())
-}
-
-fn quaternion(q: &UnitQuaternion<f64>) -> String {
-    numbers(&[q.w, q.i, q.j, q.k])
-}
-
-/// A colour to a thousandth: closer than a step of 1/255.
-fn rgba(color: [u8; 3]) -> String {
-    let [r, g, b] = color.map(|channel| (f64::from(channel) / 0.255).round() / 1000.0);
-    numbers(&[r, g, b, 1.0])
 }

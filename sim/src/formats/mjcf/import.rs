@@ -112,9 +112,9 @@ fn check_sections(document: &Document) -> Result<(), ImportError> {
 }
 
 /// What the element `option` says.
-struct World {
+pub(super) struct World {
     gravity: [f64; 3],
-    contacts: bool,
+    pub contacts: bool,
 }
 
 impl BodyReader<'_> {
@@ -127,8 +127,9 @@ impl BodyReader<'_> {
         .next();
         if let Some(&first) = self.touching.first() {
             let count = self.touching.len();
-            let text =
-                format!("contacts are left out, with all {count} geoms that can touch others");
+            let text = format!(
+                "contacts are left out, with all {count} geoms that can touch others: robots here touch with beads of their own, in a scene"
+            );
             self.note(first, text);
         } else if let Some(pair) = pair {
             self.note(pair, "contacts are left out");
@@ -137,7 +138,7 @@ impl BodyReader<'_> {
 }
 
 impl World {
-    fn of(document: &Document) -> Result<Self, ImportError> {
+    pub fn of(document: &Document) -> Result<Self, ImportError> {
         let mut world = Self {
             gravity: [0.0, 0.0, -9.81],
             contacts: true,
@@ -177,7 +178,7 @@ impl World {
 }
 
 /// Names of the sites that tendons go through.
-fn used_sites(document: &Document) -> HashSet<&str> {
+pub(super) fn used_sites(document: &Document) -> HashSet<&str> {
     let tendons = document.section("tendon");
     let steps = tendons.flat_map(|(index, _)| document.children(index));
     steps

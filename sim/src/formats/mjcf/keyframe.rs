@@ -7,6 +7,7 @@ use super::joint::Freedom;
 use super::options::{ExportOptions, Integrator};
 use super::written_joint::WrittenJoint;
 use crate::chain::Configuration;
+use crate::contact::ContactSettler;
 use crate::dynamics::{self, SmallMotions, State};
 use crate::formats::ExportError;
 use crate::robot::{Command, CommandUnit, Disc, Loads, Robot};
@@ -55,7 +56,13 @@ impl Start {
             Some(values) => robot.command(values)?,
             None => leaning(robot),
         };
-        let equilibrium = robot.settle(&command, &loads);
+        let equilibrium = match options.scene.is_empty() {
+            true => robot.settle(&command, &loads),
+            false => {
+                let mut settler = ContactSettler::new(robot, &options.scene);
+                settler.settle(&command, &loads)?.equilibrium.clone()
+            }
+        };
         let settled = equilibrium.converged;
         if options.command.is_some() && !settled {
             let residual = equilibrium.residual;

@@ -96,6 +96,11 @@ fn box_like([x, y, z]: [f64; 3], divisor: f64) -> [f64; 3] {
 }
 
 impl Geom {
+    /// Whether it is nothing but something to touch with: a sphere that is said to have no mass.
+    pub fn is_bead(&self) -> bool {
+        matches!(self.shape, Shape::Sphere { .. }) && self.mass == GeomMass::Mass(0.0)
+    }
+
     pub fn read(attributes: &Attributes<'_>, compiler: &Compiler) -> Result<Self, ImportError> {
         let known = [
             "type",
@@ -149,7 +154,7 @@ impl Geom {
     }
 }
 
-fn read_shape(
+pub(super) fn read_shape(
     attributes: &Attributes<'_>,
     compiler: &Compiler,
 ) -> Result<(Shape, Isometry3<f64>), ImportError> {

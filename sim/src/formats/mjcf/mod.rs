@@ -18,6 +18,8 @@
 //! | tension only | `forcerange` with 0 as its upper end |
 //! | cameras | cameras; the resolution is that of the offscreen buffer |
 //! | equilibrium under a command | keyframe `settled` |
+//! | bead that touches | sphere without mass, class `bead` |
+//! | obstacle | geom of the world, class `obstacle` |
 //!
 //! MuJoCo's XML parser limits how deep bodies nest: 2.2.2 reads 95 discs, 4.0 reads 495.
 //!
@@ -33,6 +35,7 @@ mod body;
 mod body_joint;
 mod chain;
 mod check;
+mod collision;
 mod disc;
 mod document;
 mod export;
@@ -42,7 +45,9 @@ mod joint;
 mod joint_element;
 mod keyframe;
 mod mass;
+mod obstacles;
 mod options;
+mod scene;
 mod stage;
 mod view;
 mod write;
@@ -50,6 +55,8 @@ mod written_joint;
 
 pub use export::{export, export_notes};
 pub use import::{import, import_text};
+pub use obstacles::scene_notes;
 pub use options::{ExportOptions, Integrator};
+pub use scene::{ImportedScene, import_scene, import_scene_text};
 
 pub(crate) use write::{escape, is_xml_char};

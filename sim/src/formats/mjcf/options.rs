@@ -2,6 +2,7 @@
 
 use crate::render::BaseVisibility;
 use crate::robot::Payload;
+use crate::scene::Scene;
 
 /// What a model has besides the robot.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,6 +20,8 @@ pub struct ExportOptions {
     /// default the middle of every tendon's range, with a little more pull by the first tendon of each
     /// module; if the robot does not settle there, the model has no keyframe.
     pub command: Option<Vec<f64>>,
+    /// What the robot can touch. In an empty scene the model has no contacts.
+    pub scene: Scene,
 }
 
 /// MuJoCo's integrators.
@@ -58,6 +61,7 @@ impl Default for ExportOptions {
             timestep: None,
             integrator: Integrator::default(),
             command: None,
+            scene: Scene::default(),
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use nalgebra::{UnitQuaternion, Vector3};
+
 /// An indented XML text that grows element by element.
 #[derive(Default)]
 pub(crate) struct XmlWriter {
@@ -101,6 +103,22 @@ pub(crate) fn number(value: f64) -> String {
 pub(crate) fn numbers(values: &[f64]) -> String {
     let texts: Vec<String> = values.iter().copied().map(number).collect();
     texts.join(" ")
+}
+
+/// The components of a vector.
+pub(super) fn vector(v: &Vector3<f64>) -> String {
+    numbers(v.as_slice())
+}
+
+/// A quaternion (w, x, y, z).
+pub(super) fn quaternion(q: &UnitQuaternion<f64>) -> String {
+    numbers(&[q.w, q.i, q.j, q.k])
+}
+
+/// A colour to a thousandth: closer than a step of 1/255.
+pub(super) fn rgba(color: [u8; 3]) -> String {
+    let [r, g, b] = color.map(|channel| (f64::from(channel) / 0.255).round() / 1000.0);
+    numbers(&[r, g, b, 1.0])
 }
 
 #[cfg(test)]
