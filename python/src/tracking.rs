@@ -252,12 +252,13 @@ impl Plant for OwnPlant<'_, '_> {
 impl From<TrackError> for Failure {
     fn from(error: TrackError) -> Self {
         match error {
-            TrackError::Run(TrackingError::Plant(PlantError::Other(other))) => {
-                match other.downcast::<PyErr>() {
+            TrackError::Run(error) => match *error {
+                TrackingError::Plant(PlantError::Other(other)) => match other.downcast::<PyErr>() {
                     Ok(raised) => Self::Python(*raised),
                     Err(other) => Self::input(other.to_string()),
-                }
-            }
+                },
+                other => Self::input(other.to_string()),
+            },
             TrackError::Loads(error) => error.into(),
             other => Self::input(other.to_string()),
         }

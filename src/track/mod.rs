@@ -55,23 +55,35 @@ pub enum TrackError {
     },
     /// The search for a command at the start failed.
     #[error(transparent)]
-    Search(#[from] ShapeControlError),
+    Search(Box<ShapeControlError>),
     /// Loads that are none.
     #[error(transparent)]
     Loads(#[from] LoadsError),
     /// The simulated robot is none.
     #[error(transparent)]
-    Truth(#[from] TruthError),
+    Truth(Box<TruthError>),
     /// Limits that make no sense.
     #[error(transparent)]
     Limits(#[from] LimitsError),
     /// The model is none.
     #[error(transparent)]
-    Model(#[from] BeliefError),
+    Model(Box<BeliefError>),
     /// The run failed.
     #[error(transparent)]
-    Run(#[from] TrackingError),
+    Run(Box<TrackingError>),
 }
+
+/// The large ones lie in boxes: a result that fails is no larger than one that does not.
+macro_rules! boxed {
+    ($($variant:ident: $error:ty),*) => {$(
+        impl From<$error> for TrackError {
+            fn from(error: $error) -> Self {
+                Self::$variant(Box::new(error))
+            }
+        }
+    )*};
+}
+boxed!(Search: ShapeControlError, Truth: TruthError, Model: BeliefError, Run: TrackingError);
 
 /// A run along a path, and the open loop on the same robot.
 #[derive(Clone, Debug)]

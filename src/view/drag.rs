@@ -133,6 +133,8 @@ fn width(robot: &Robot, tendon: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
     use nalgebra::Vector3;
     use tdcr_sim::contact::ContactSettler;
     use tdcr_sim::robot::{Loads, Robot};

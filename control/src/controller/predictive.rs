@@ -232,10 +232,9 @@ impl Horizon<'_> {
             let before = i
                 .checked_sub(1)
                 .map_or(moment.command, |last| &self.plan[last]);
-            for t in 0..n {
+            for (t, (&here, &before)) in self.plan[i].iter().zip(before).enumerate() {
                 let (at, width) = (i * n + t, self.widths[t]);
-                let here = self.plan[i][t];
-                let change = here - before[t];
+                let change = here - before;
                 let room = [
                     (limits.high[t] - here) / width,
                     (here - limits.low[t]) / width,
