@@ -11,7 +11,8 @@ const STORIES: [(&str, &[&str]); 6] = [
     (
         "Robots in simulation",
         &[
-            "settle", "reach", "plan", "deploy", "simulate", "study", "render", "export",
+            "settle", "reach", "plan", "deploy", "track", "simulate", "study", "render", "view",
+            "export",
         ],
     ),
     (

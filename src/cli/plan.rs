@@ -239,14 +239,9 @@ fn write(out: &Path, format: &str, robot: &Robot, planned: &Planned) -> anyhow::
     let first = &planned.steps[0];
     let mut header = command_columns(robot);
     header.extend(first.insertion.map(|_| "insertion (m)".to_owned()));
-    header.extend(["x (m)", "y (m)", "z (m)"].map(str::to_owned));
-    header.extend(first.clearance.map(|_| "clearance (m)".to_owned()));
     let mut text = header.join(",") + "\n";
     for step in &planned.steps {
-        let row = (step.command.iter().copied())
-            .chain(step.insertion)
-            .chain(step.tip_position)
-            .chain(step.clearance);
+        let row = step.command.iter().copied().chain(step.insertion);
         let row: Vec<String> = row.map(|number| format!("{number:?}")).collect();
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{}", row.join(","));

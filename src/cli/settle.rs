@@ -94,7 +94,7 @@ struct Settled {
     #[serde(skip_serializing_if = "Option::is_none")]
     growth: Option<GrowthJson>,
     /// What the robot touches, of a scene.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(flatten)]
     surroundings: Option<Surroundings>,
     /// Where asked for, and the robot has settled.
     #[serde(skip_serializing_if = "Option::is_none")]

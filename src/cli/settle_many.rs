@@ -55,7 +55,7 @@ struct Settled {
     stability: Option<Stability>,
     examined: Option<Examined>,
     /// What the robot touches, of a scene.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(flatten)]
     surroundings: Option<Surroundings>,
 }
 

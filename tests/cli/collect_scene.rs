@@ -74,7 +74,7 @@ fn a_set_in_a_scene_is_the_same_on_any_threads_and_in_parts_and_counts_what_touc
         let command: Vec<String> = command.iter().map(f64::to_string).collect();
         let place = ["--command", &command.join(","), "--scene", text(&scene)];
         let settled = succeed_json(&[&["settle"][..], &place].concat());
-        let contacts = &settled["surroundings"]["contacts"];
+        let contacts = &settled["contacts"];
         !contacts.as_array().unwrap().is_empty()
     });
     let touching = touching.count();

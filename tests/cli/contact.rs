@@ -36,7 +36,7 @@ fn a_result_names_what_is_touched_and_says_how_exact_that_is() {
     let scene = scene(folder.path(), SCENE);
     let settled = succeed_json(&["settle", "--command", COMMAND, "--scene", text(&scene)]);
     assert_eq!(settled["converged"], true);
-    let around = &settled["surroundings"];
+    let around = &settled;
     assert!(around["complementarity"].as_f64().unwrap() < 1e-12);
     assert!(around["shape_error"].as_f64().unwrap() > 1e-3);
     let contacts = around["contacts"].as_array().unwrap();

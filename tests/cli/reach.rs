@@ -132,7 +132,7 @@ fn a_point_is_reached_among_obstacles_with_the_contacts_there() {
         .collect();
     let command = command.join(",");
     let again = succeed_json(&[&["settle", "--command", &command][..], &place].concat());
-    let (said, settled) = (&found["contacts"], &again["surroundings"]["contacts"]);
+    let (said, settled) = (&found["contacts"], &again["contacts"]);
     let names = |contacts: &Value| -> Vec<(u64, String)> {
         let contacts = contacts.as_array().unwrap().iter();
         contacts

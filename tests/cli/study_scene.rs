@@ -48,7 +48,7 @@ fn rows_are_what_settle_says_among_the_obstacles() {
             let tip = settled["positions"][9][axis].as_f64().unwrap();
             assert_eq!(number(row, name), tip);
         }
-        let contacts = settled["surroundings"]["contacts"].as_array().unwrap();
+        let contacts = settled["contacts"].as_array().unwrap();
         let force = |contact: &serde_json::Value| -> f64 {
             let force: [f64; 3] = serde_json::from_value(contact["force"].clone()).unwrap();
             force.iter().map(|f| f * f).sum::<f64>().sqrt()
