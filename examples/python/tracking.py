@@ -31,7 +31,7 @@ class Plant:
 
     def measure(self) -> dict[str, Any]:
         """What is seen of the tip (m), and the tensions (N)."""
-        return {"tip": self.now.tip, "tensions": self.now.tendon_tensions}
+        return {"tip": self.now.tip, "tensions": self.now.tensions}
 
     def command(self, command: Any) -> None:
         """Follows a command (m); the first tendon is pulled too far."""

@@ -113,7 +113,7 @@ def test_a_broken_robot_shows_its_error_and_a_mended_one_is_shown(browser, tmp_p
         page.wait_for_selector("#toml-error:visible")
         assert "discs" in page.inner_text("#toml-error")
         page.fill("#toml", text.replace('name = "2m"', 'name = "mine"', 1))
-        page.wait_for_function("document.title.startsWith('mine')")
+        sync_api.expect(page).to_have_title("mine - tdcr view")
         assert not page.is_visible("#toml-error")
 
 
@@ -130,3 +130,14 @@ def test_pages_are_readable_on_a_tablet_and_in_the_dark(browser):
         stage, panel = (page.locator(place).bounding_box() for place in ["#stage", "#panel"])
         assert panel["y"] >= stage["y"] + stage["height"] - 1
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_a_notebook_shows_the_page_of_a_robot_that_is_at_hand(browser):
+    tdcr = pytest.importorskip("tdcr")
+    command = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019]
+    with tdcr.view("2m", command=command) as viewer:
+        assert viewer.address in viewer._repr_html_()
+        with opened(browser, viewer.address) as page:
+            np.testing.assert_allclose(numbers(page, "tip"), tdcr.settle("2m", command).tip, atol=1e-9)
+    with pytest.raises(sync_api.Error):
+        browser.new_page().goto(viewer.address)

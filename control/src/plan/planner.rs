@@ -196,7 +196,14 @@ impl MotionPlanner {
             Goal::Tip(target) => self.commands_for(*target, &go_on)?,
         };
         let (way, nodes) = self.search(&start, &goals, began, &go_on)?;
-        let steps = self.steps(&way)?;
+        let mut steps = self.steps(&way)?;
+        // But for the rounding of coordinates they are these.
+        if let Some(first) = steps.first_mut() {
+            first.stance = from.clone();
+        }
+        if let (Some(last), Goal::Stance(stance)) = (steps.last_mut(), to) {
+            last.stance = stance.clone();
+        }
         Ok(MotionPlan {
             steps,
             effort: Effort {

@@ -32,7 +32,7 @@ class Settling:
     def measure(self) -> dict[str, Any]:
         if self.now is None:
             return {}
-        return {"tip": self.now.tip, "tensions": self.now.tendon_tensions, "lengths": None}
+        return {"tip": self.now.tip, "tensions": self.now.tensions, "lengths": None}
 
     def command(self, command: Any) -> None:
         self.commands.append(command)
@@ -78,8 +78,8 @@ def test_plants_that_are_none_are_refused() -> None:
 def test_a_simulated_robot_is_led_as_by_the_command_line(tmp_path: Path) -> None:
     HANGING.save(tmp_path / "robot.toml")
     report = tmp_path / "page.html"
-    run = tdcr.track(HANGING, "circle", duration=2.0, payload=0.01, delay=0.1, noise=1e-4, seed=3, report=report)
-    arguments = ["track", "--robot", str(tmp_path / "robot.toml"), "--path", "circle", "--duration", "2", "--payload", "0.01"]
+    run = tdcr.track(HANGING, "circle", duration=6.0, payload=0.01, delay=0.1, noise=1e-4, seed=3, report=report)
+    arguments = ["track", "--robot", str(tmp_path / "robot.toml"), "--path", "circle", "--duration", "6", "--payload", "0.01"]
     arguments += ["--delay", "0.1", "--noise", "1e-4", "--seed", "3", "--json"]
     command = [os.environ.get("TDCR", "tdcr"), *arguments]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
