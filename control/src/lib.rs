@@ -36,15 +36,17 @@
 //! use tdcr_control::tracking::{TrackingSettings, track};
 //! use tdcr_control::watch::WatchSettings;
 //! use nalgebra::Isometry3;
-//! use tdcr_sim::robot::{Loads, Robot};
+//! use tdcr_sim::robot::{Loads, Robot, RobotSpec};
 //!
-//! let robot = Robot::load("2m")?;
+//! // The robot hangs, as its world is turned over, and bears 2 g that nobody knows of.
+//! let mut spec = RobotSpec::load("2m")?;
+//! spec.gravity = [0.0, 0.0, 9.81];
+//! let robot = Robot::new(spec)?;
 //! let (start, period) = (robot.mean_command(), 0.05);
-//! // The robot in truth bears 2 g that nobody knows of.
 //! let truth = Truth { loads: Loads::payload(0.002)?, ..Truth::ideal(&robot) };
 //! let mut plant = SimulatedPlant::new(&truth, period, &start, 0)?;
 //! let level = Isometry3::translation(0.0, 0.0, 0.325);
-//! let circle = TipPath::closed(Shape::Circle, &level, 0.06, 4.0)?;
+//! let circle = TipPath::closed(Shape::Circle, &level, 0.06, 20.0)?;
 //! let settings = TrackingSettings {
 //!     approach: 3.0,
 //!     loads: Loads::default(),

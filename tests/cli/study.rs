@@ -371,7 +371,7 @@ fn what_is_wrong_with_a_study_is_named_with_its_key() {
         ),
         (
             "want = [\"tip\"]\n[[vary]]\nwhat = \"stifness\"\nvalues = [1]",
-            "`vary[0].what` is \"stifness\"; expected one of robot, modules, discs, stiffness",
+            "`vary[0].what` is \"stifness\"; expected one of robot, scene, modules, discs, stiffness",
         ),
         (
             "want = [\"tip\"]\n[[vary]]\nwhat = \"payload\"",

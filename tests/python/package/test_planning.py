@@ -22,7 +22,7 @@ def test_a_plan_is_what_the_robot_settles_in_step_by_step() -> None:
         settled = settler.follow(command)
         assert settled.contacts is not None and len(settled.contacts.gap) == 0
         np.testing.assert_allclose(settled.positions, positions, atol=1e-6)
-        np.testing.assert_allclose(settled.tendon_tensions, tensions, atol=1e-4)
+        np.testing.assert_allclose(settled.tensions, tensions, atol=1e-4)
     again = tdcr.plan(ROBOT, SCENE, from_=FROM, to=TO, clearance=0.003)
     assert (again.commands == plan.commands).all()
 
