@@ -14,6 +14,8 @@ const ROW: f64 = 28.0;
 const LEFT: f64 = 60.0;
 pub(super) const RIGHT: f64 = 26.0;
 pub(super) const BELOW: f64 = 48.0;
+/// Distance of the labels of two ticks, one above the other, at the least.
+const LEAST_APART: f64 = 13.0;
 /// Distance of the lines of an upright title.
 const UPRIGHT_LINE: f64 = 15.0;
 
@@ -206,10 +208,13 @@ impl Plot {
                 &format!("<line x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{top:.1}\" y2=\"{bottom:.1}\"/>");
             svg += &text("", x, bottom + 17.0, "middle", label);
         }
+        let mut last = f64::INFINITY;
         for (tick, label) in y_ticks {
-            let Some(y) = self.up(*tick) else {
+            // A flat plot with equal scales has room for few.
+            let Some(y) = self.up(*tick).filter(|y| last - y >= LEAST_APART) else {
                 continue;
             };
+            last = y;
             svg +=
                 &format!("<line x1=\"{left:.1}\" x2=\"{right:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>");
             svg += &text("", left - 8.0, y + 4.0, "end", label);
