@@ -42,7 +42,7 @@ pub(super) struct Layout {
 /// A solid.
 #[derive(Clone, Debug, Serialize)]
 struct Drawn {
-    shape: Shape,
+    shape: Dimensions,
     color: [u8; 3],
     /// The disc that it is, from 0, if it is one.
     disc: Option<u16>,
@@ -55,30 +55,6 @@ struct Obstacle {
     drawn: Drawn,
     /// Position (m) and quaternion (x, y, z, w).
     pose: [f64; 7],
-}
-
-/// A shape by its dimensions (m).
-#[derive(Clone, Debug, Serialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-enum Shape {
-    Cylinder {
-        radius: f64,
-        half_height: f64,
-    },
-    Cuboid {
-        half_sides: [f64; 3],
-    },
-    Sphere {
-        radius: f64,
-    },
-    Capsule {
-        radius: f64,
-        half_length: f64,
-    },
-    Mesh {
-        vertices: Vec<[f64; 3]>,
-        triangles: Vec<[u32; 3]>,
-    },
 }
 
 /// What a tendon's slider says.
@@ -138,40 +114,9 @@ impl Drawn {
             _ => None,
         };
         Self {
-            shape: Shape::new(solid.shape.dimensions()),
+            shape: solid.shape.dimensions(),
             color: solid.color,
             disc,
-        }
-    }
-}
-
-impl Shape {
-    fn new(dimensions: Dimensions) -> Self {
-        match dimensions {
-            Dimensions::Cylinder {
-                radius,
-                half_height,
-            } => Self::Cylinder {
-                radius,
-                half_height,
-            },
-            Dimensions::Cuboid { half_sides } => Self::Cuboid { half_sides },
-            Dimensions::Sphere { radius } => Self::Sphere { radius },
-            Dimensions::Capsule {
-                radius,
-                half_length,
-            } => Self::Capsule {
-                radius,
-                half_length,
-            },
-            Dimensions::Mesh {
-                vertices,
-                triangles,
-            } => Self::Mesh {
-                vertices,
-                triangles,
-            },
-            other => unreachable!("a shape that is not drawn yet: {other:?}"),
         }
     }
 }

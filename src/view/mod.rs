@@ -5,8 +5,7 @@
 //! asks for comes as JSON, what a robot does goes back as frames of numbers (`message`, `frame`); what is drawn is said once for each robot
 //! (`drawing`).
 //!
-//! The server is axum on one thread of tokio: HTTP/1 and WebSockets by the libraries that most servers in Rust stand on, 35 crates
-//! that compile in about 20 s of one core. Settling happens in the sessions' threads. The page is JavaScript without a build step,
+//! The server is axum on one thread of tokio: HTTP/1 and WebSockets by the libraries that most servers in Rust stand on. Settling happens in the sessions' threads. The page is JavaScript without a build step,
 //! with three.js beside it; all of it is in the binary, and nothing is fetched from anywhere.
 
 mod assets;

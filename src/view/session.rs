@@ -74,7 +74,10 @@ pub enum RequestError {
 struct Session {
     robot: Robot,
     scene: Scene,
+    /// What pulls at it all the time.
     loads: Loads,
+    /// What pulls at it, a push by hand among it.
+    all_loads: Loads,
     settler: ContactSettler,
     command: Command,
     frame: Frame,
@@ -149,6 +152,7 @@ impl Session {
         let mut session = Self {
             robot,
             scene,
+            all_loads: loads.clone(),
             loads,
             settler,
             command,
@@ -200,12 +204,12 @@ impl Session {
         match request {
             Request::Command { command } => {
                 let command = self.robot.command(&command)?;
-                self.settler.follow(&command, &self.loads)?;
+                self.settler.follow(&command, &self.all_loads)?;
                 self.command = command;
             }
             Request::Settle { command } => {
                 let command = self.robot.command(&command)?;
-                self.settler.settle(&command, &self.loads)?;
+                self.settler.settle(&command, &self.all_loads)?;
                 self.command = command;
             }
             Request::Drag { disc, to } => {
@@ -214,7 +218,7 @@ impl Session {
                     return Err(RequestError::Place(to));
                 }
                 let (command, to) = (self.command.clone(), Vector3::from(to));
-                self.command = lead(&mut self.settler, command, &self.loads, disc, to)?;
+                self.command = lead(&mut self.settler, command, &self.all_loads, disc, to)?;
             }
             Request::Push { disc, force } => {
                 self.check_disc(disc)?;
@@ -222,15 +226,17 @@ impl Session {
                     force,
                     ..Wrench::none(disc, Axes::World)
                 };
-                let loads = Loads::default().with_payload(self.loads.tip_payload())?;
-                self.load(loads.with_wrench(wrench)?)?;
+                let pushed = self.loads.clone().with_wrench(wrench)?;
+                self.load(pushed)?;
             }
             Request::Payload { mass } => {
                 let payload = Payload {
                     mass,
                     ..self.loads.tip_payload()
                 };
-                self.load(self.loads.clone().with_payload(payload)?)?;
+                let loads = self.loads.clone().with_payload(payload)?;
+                self.load(loads.clone())?;
+                self.loads = loads;
             }
             Request::Robot { toml } => {
                 self.change_robot(RobotSpec::from_toml(&toml, Path::new("in the editor"))?)?;
@@ -250,7 +256,7 @@ impl Session {
 
     fn load(&mut self, loads: Loads) -> Result<(), RequestError> {
         self.settler.follow(&self.command, &loads)?;
-        self.loads = loads;
+        self.all_loads = loads;
         Ok(())
     }
 

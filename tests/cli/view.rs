@@ -209,6 +209,21 @@ fn a_command_moves_the_robot_to_where_settle_has_it_and_a_dragged_disc_arrives()
 }
 
 #[test]
+fn a_push_ends_with_the_hand_and_leaves_the_loads_that_were_given() {
+    let server = Server::start(&["--wrench", "tip:0.2,0,0", "--payload", "0.01"]);
+    let mut page = server.open();
+    page.words();
+    let at_rest = page.ask(1.0, json!({"type": "payload", "mass": 0.01}));
+    let pushed = page.ask(
+        2.0,
+        json!({"type": "push", "disc": 9, "force": [0, 0.5, 0]}),
+    );
+    assert!(distance(tip(&pushed), tip(&at_rest)) > 1e-3);
+    let let_go = page.ask(3.0, json!({"type": "push", "disc": 9, "force": [0, 0, 0]}));
+    assert!(distance(tip(&let_go), tip(&at_rest)) < 1e-9);
+}
+
+#[test]
 fn what_is_wrong_is_refused_by_name_and_changes_nothing() {
     let server = Server::start(&[]);
     let mut page = server.open();

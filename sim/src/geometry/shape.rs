@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::{Matrix3, Vector3};
 use parry3d_f64::math::Vec3;
 use parry3d_f64::shape::{TriMesh, TriMeshFlags};
+use serde::Serialize;
 use thiserror::Error;
 
 use super::primitives::{Capsule, Cuboid, Cylinder, Mesh, Sphere};
@@ -101,7 +102,8 @@ pub enum ShapeError {
 }
 
 /// What a shape is, by its dimensions (m).
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Dimensions {
     /// A cylinder about the z axis.
