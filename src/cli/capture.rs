@@ -113,6 +113,7 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
 /// Tells what would move, command by command, in memory that does not grow with their number.
 fn rehearse(file: &RigFile, settings: &CaptureSettings, console: &Console) -> anyhow::Result<()> {
     let mut program = Program::new(file, settings.seed)?;
+    settings.mask_folder(file.spec.cameras.len(), 0..settings.commands)?;
     let mut at = program.rest().clone();
     let mut ranges = vec![[0, 0]; file.spec.servos.ids.len()];
     let mut steps = 0;

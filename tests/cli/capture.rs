@@ -436,6 +436,10 @@ fn a_dry_run_of_a_million_commands_tells_of_each_and_ends_when_asked_to() {
     assert_eq!(told["moves"].as_array().unwrap().len(), 12);
     assert_eq!(told["ranges"].as_array().unwrap().len(), 6);
     assert!(told["moving_seconds"].as_f64().unwrap() > 1.0);
+    // A rehearsal refuses what the capture would.
+    let masks = folder.path().join("nosuch");
+    let unmasked = [&few[..], &["--masks", text(&masks)]].concat();
+    refuse(&unmasked, 1, "nosuch/camera0/000000.png");
 }
 
 #[test]

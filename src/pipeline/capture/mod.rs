@@ -156,6 +156,23 @@ impl CaptureSettings {
             },
         }
     }
+
+    /// The folder of masks, where another program makes them, once it is known to have one for each of these samples and so
+    /// many cameras.
+    ///
+    /// # Errors
+    /// [`CaptureError::Mask`] for the first that is missing.
+    pub fn mask_folder(
+        &self,
+        cameras: usize,
+        samples: impl IntoIterator<Item = usize>,
+    ) -> Result<Option<MaskFolder>, CaptureError> {
+        let masks = self.masks.as_ref().map(MaskFolder::new);
+        if let Some(masks) = &masks {
+            masks.must_have(cameras, samples)?;
+        }
+        Ok(masks)
+    }
 }
 
 /// Captures a data set with a rig in the folder `dir`: the layout of [`collect`](super::collect()), and beside it a journal of
@@ -219,13 +236,8 @@ pub fn capture(
                 dir.display()
             ));
         }
-        let masks = settings.masks.as_ref().map(MaskFolder::new);
-        if let Some(masks) = &masks {
-            // Before anything moves.
-            let wanted = missing.iter().copied();
-            let found = masks.must_have(rig.cameras().len(), wanted);
-            found.map_err(CaptureError::from)?;
-        }
+        // Before anything moves.
+        let masks = settings.mask_folder(rig.cameras().len(), missing.iter().copied())?;
         if !settings.no_log {
             let log = rig.log_in(dir, LOG, needed);
             report.log = Some(log.map_err(CaptureError::from)?);
