@@ -84,16 +84,17 @@ def test_other_doors_refuse_them_too() -> None:
         envs.TendonRobotEnv("reach", randomise={f"hole_radius[{disc}]": (0.012, 0.013) for disc in (0, 3)})
 
 
-def test_frameworks_refuse_them_too() -> None:
+@pytest.mark.parametrize("module", ["torch", "jax"])
+def test_frameworks_refuse_them_too(module: str) -> None:
+    library = pytest.importorskip(module)
+    framework = pytest.importorskip(f"tdcr.{module}")
+    as_array = library.tensor if module == "torch" else np.asarray
     names, values = ["hole_radius[0]", "hole_radius[3]"], np.array([0.0125, 0.0125])
     at_rest = np.tile([1.0, 0.0, 0.0, 0.0], (10, 1))
-    for module in ("torch", "jax"):
-        framework = pytest.importorskip(f"tdcr.{module}")
-        as_array = pytest.importorskip("torch").tensor if module == "torch" else np.asarray
-        with pytest.raises(ParameterError, match="overlap"):
-            framework.settle(ROBOT, as_array(COMMAND), parameters=names, values=as_array(values))
-        with pytest.raises(ParameterError, match="overlap"):
-            framework.rollout(ROBOT, as_array(COMMAND[None]), as_array(at_rest), parameters=names, values=as_array(values))
+    with pytest.raises(ParameterError, match="overlap"):
+        framework.settle(ROBOT, as_array(COMMAND), parameters=names, values=as_array(values))
+    with pytest.raises(ParameterError, match="overlap"):
+        framework.rollout(ROBOT, as_array(COMMAND[None]), as_array(at_rest), parameters=names, values=as_array(values))
 
 
 def test_the_payload_may_be_a_parameter_of_a_motion() -> None:
