@@ -12,7 +12,7 @@ use serde_json::Value;
 use crate::{SCORES, tdcr, text};
 
 /// Kills of a collection, at moments spread over its run.
-const KILLS: u32 = 20;
+const KILLS: u32 = 8;
 
 /// Runs of it that may come to their end instead, before the test gives up.
 const ATTEMPTS: u32 = 10 * KILLS;
@@ -32,49 +32,33 @@ fn demo(out: &Path) -> Command {
     command
 }
 
-/// Folder of a demo that nothing interrupted, made once for all tests here.
-fn whole_demo() -> &'static Path {
-    static WHOLE: LazyLock<PathBuf> = LazyLock::new(|| {
+/// Folder of a demo that nothing interrupted, made once for all tests here, and how long it took.
+fn whole_demo() -> &'static (PathBuf, Duration) {
+    static WHOLE: LazyLock<(PathBuf, Duration)> = LazyLock::new(|| {
         let out = Path::new(env!("CARGO_TARGET_TMPDIR")).join("whole_demo");
         if out.exists() {
             fs::remove_dir_all(&out).unwrap();
         }
+        let began = Instant::now();
         assert!(demo(&out).status().unwrap().success());
-        out
+        (out, began.elapsed())
     });
     &WHOLE
 }
 
-/// Starts the demo again and again, and ends it by `signal` after ever longer times until it comes
-/// through; returns how often it was ended.
-fn demo_with_interruptions(out: &Path, signal: &str) -> u32 {
-    // What is killed has to come through in one go, so that longer times must be reached soon.
-    let mut patience = Duration::from_millis(300);
-    for interruptions in 0..20 {
-        let mut child = demo(out).spawn().unwrap();
-        let start = Instant::now();
-        patience += patience / 3;
-        while start.elapsed() < patience {
-            sleep(Duration::from_millis(50));
-            if let Some(status) = child.try_wait().unwrap() {
-                assert!(status.success(), "{status}");
-                return interruptions;
-            }
-        }
-        let id = child.id().to_string();
-        assert!(
-            Command::new("kill")
-                .args([signal, &id])
-                .status()
-                .unwrap()
-                .success()
-        );
-        let status = child.wait().unwrap();
-        if signal == "-INT" {
-            assert!(status.code() == Some(130) || status.success(), "{status}");
-        }
+/// Starts the demo and ends it by `signal` after `patience`, if it has not come to its end by then; whether it was ended.
+fn end_demo(out: &Path, signal: &str, patience: Duration) -> bool {
+    let mut child = demo(out).spawn().unwrap();
+    sleep(patience);
+    let id = child.id().to_string();
+    let sent = Command::new("kill").args([signal, &id]).status();
+    // One that came to its end is not waited for yet, so that it can still be sent a signal.
+    assert!(sent.unwrap().success());
+    let status = child.wait().unwrap();
+    if signal == "-INT" {
+        assert!(status.code() == Some(130) || status.success(), "{status}");
     }
-    panic!("the demo never came to its end");
+    !status.success()
 }
 
 /// What the demo leaves, but for the times that it took.
@@ -96,13 +80,19 @@ fn results(out: &Path) -> (Vec<u8>, Vec<u8>, Value) {
 #[test]
 fn a_demo_that_is_interrupted_or_killed_ends_as_one_that_is_not() {
     let folder = tempfile::tempdir().unwrap();
-    let [interrupted, killed] = ["interrupted", "killed"].map(|name| folder.path().join(name));
-    let whole = whole_demo();
+    let (whole, span) = whole_demo();
     let expected = results(whole);
-    for (out, signal) in [(&interrupted, "-INT"), (&killed, "-KILL")] {
-        assert!(demo_with_interruptions(out, signal) > 0);
-        assert!(results(out) == expected, "after {signal}");
-    }
+    let ended = folder.path().join("ended");
+    let moments = [
+        ("-INT", 0.15),
+        ("-KILL", 0.3),
+        ("-INT", 0.5),
+        ("-KILL", 0.7),
+    ];
+    let ends = moments.map(|(signal, share)| end_demo(&ended, signal, span.mul_f64(share)));
+    assert!(ends[..2] == [true; 2], "{ends:?}");
+    assert!(demo(&ended).status().unwrap().success());
+    assert!(results(&ended) == expected, "after {ends:?}");
     for key in SCORES {
         assert!(expected.2[key].as_f64().unwrap() > 0.0, "{key}");
     }
@@ -118,7 +108,7 @@ fn a_demo_that_is_interrupted_or_killed_ends_as_one_that_is_not() {
 fn scores_in_a_journal_of_another_format_are_computed_anew() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("demo");
-    for (place, bytes) in set_files(whole_demo()) {
+    for (place, bytes) in set_files(&whole_demo().0) {
         let file = out.join(place);
         fs::create_dir_all(file.parent().unwrap()).unwrap();
         fs::write(file, bytes).unwrap();
