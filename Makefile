@@ -9,8 +9,8 @@ WORKSPACE := --workspace --exclude tdcr-mujoco
 # features that tests need too, so tests, documentation and the binary share one build of the dependencies.
 WITH_EXAMPLES := $(WORKSPACE) --examples
 
-.PHONY: demo build check test setup format lint docs supply-chain lint-python lint-page wheel release try-release site fuzz \
-	test-fast test-rust test-mujoco test-python bench clean
+.PHONY: demo build check test setup format lint docs supply-chain lint-python lint-page wheel release try-release gather-release \
+	publish-crates site fuzz test-fast test-rust test-mujoco test-python bench clean
 
 demo: build
 	$(TDCR) demo --out demo_out
@@ -72,6 +72,14 @@ release:
 # and the tarball in a bare Debian.
 try-release:
 	scripts/release/stranger.py
+
+# One dist/ of those that several machines built, in the folders of BUILT.
+gather-release:
+	scripts/release/gather.py $(BUILT)
+
+# The crates, in the order of their dependencies: needs a token for the registry, and cannot be undone.
+publish-crates:
+	cargo publish --locked $(WORKSPACE) --exclude tdcr-python
 
 # The documentation of the package and the guides, in target/site.
 site:
