@@ -10,7 +10,7 @@ WORKSPACE := --workspace --exclude tdcr-mujoco
 WITH_EXAMPLES := $(WORKSPACE) --examples
 
 .PHONY: demo build check test setup format lint docs supply-chain lint-python lint-page wheel release try-release gather-release \
-	publish-crates site fuzz test-fast test-rust test-mujoco test-python bench clean
+	publish-crates notebooks site fuzz test-fast test-rust test-mujoco test-python bench clean
 
 demo: build
 	$(TDCR) demo --out demo_out
@@ -80,6 +80,10 @@ gather-release:
 # The crates, in the order of their dependencies: needs a token for the registry, and cannot be undone.
 publish-crates:
 	cargo publish --locked $(WORKSPACE) --exclude tdcr-python
+
+# Runs the notebooks of examples/notebooks and keeps what they print and show.
+notebooks:
+	$(PYTHON) scripts/notebooks.py
 
 # The documentation of the package and the guides, in target/site.
 site:
