@@ -9,8 +9,8 @@ WORKSPACE := --workspace --exclude tdcr-mujoco
 # features that tests need too, so tests, documentation and the binary share one build of the dependencies.
 WITH_EXAMPLES := $(WORKSPACE) --examples
 
-.PHONY: demo build check test setup format lint docs supply-chain lint-python lint-page wheel site fuzz test-fast test-rust \
-	test-mujoco test-python bench clean
+.PHONY: demo build check test setup format lint docs supply-chain lint-python lint-page wheel release try-release gather-release \
+	publish-crates notebooks site fuzz test-fast test-rust test-mujoco test-python bench clean
 
 demo: build
 	$(TDCR) demo --out demo_out
@@ -42,6 +42,7 @@ docs:
 # That NOTICES names what Cargo.lock has, that deny.toml allows it, and that the wheel and the tests share one build of it.
 supply-chain:
 	scripts/notices.py --check
+	scripts/version.py --check
 	scripts/shared_builds.py
 	scripts/deny.sh
 
@@ -65,6 +66,28 @@ wheel:
 	rm -rf target/wheels
 	$(PYTHON) -m maturin build --release --locked --interpreter $(PYTHON) --out target/wheels
 	$(PYTHON) -m pip install -q --disable-pip-version-check --no-deps --force-reinstall target/wheels/*.whl
+
+# What a release consists of, in dist/, from a clean checkout: wheel, source distribution, the command as a tarball, crates, bill
+# of materials, notes, checksums. RELEASE=--no-verify leaves out compiling the packaged crates.
+release:
+	scripts/release/build.py $(RELEASE)
+
+# That what is in dist/ works where nothing of ours is: the wheel under each CPython that can be had here, the source distribution,
+# and the tarball in a bare Debian.
+try-release:
+	scripts/release/stranger.py
+
+# One dist/ of those that several machines built, in the folders of BUILT.
+gather-release:
+	scripts/release/gather.py $(BUILT)
+
+# The crates, in the order of their dependencies: needs a token for the registry, and cannot be undone.
+publish-crates:
+	cargo publish --locked $(WORKSPACE) --exclude tdcr-python
+
+# Runs the notebooks of examples/notebooks and keeps what they print and show.
+notebooks:
+	$(PYTHON) scripts/notebooks.py
 
 # The documentation of the package and the guides, in target/site.
 site:

@@ -79,7 +79,7 @@ use printable::printable;
 
 /// Tendon-driven continuum robots: simulate, see, learn, predict, evaluate.
 #[derive(Debug, Parser)]
-#[command(name = "tdcr", version, propagate_version = true)]
+#[command(name = "tdcr", version, long_version = env!("TDCR_VERSION_LINE"), propagate_version = true)]
 struct Cli {
     #[command(flatten)]
     global: Global,

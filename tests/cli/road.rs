@@ -28,7 +28,10 @@ fn every_command_explains_itself() {
         let help = succeed(&[command, "--help"]);
         assert!(help.contains("Usage:") && help.contains("--json"), "{help}");
     }
-    assert!(succeed(&["--version"]).contains(env!("CARGO_PKG_VERSION")));
+    // With the commit where the build was told of one.
+    let version = concat!("tdcr ", env!("TDCR_VERSION_LINE"));
+    assert_eq!(succeed(&["--version"]).trim(), version);
+    assert!(version.contains(env!("CARGO_PKG_VERSION")));
 }
 
 #[test]
