@@ -35,6 +35,7 @@ mod predict;
 mod pretension;
 mod printable;
 mod reach;
+mod reach_cloud;
 mod render;
 mod scan;
 mod scene;
