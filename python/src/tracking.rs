@@ -13,6 +13,7 @@ use tdcr::track::{
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome};
+use crate::rig::Rig;
 use crate::robot::Robot;
 use crate::run;
 use crate::scene::Scene;
@@ -178,6 +179,33 @@ pub fn track_plant<'py>(
     };
     let page = track::page(robot, &tracked, Vec::new()).to_html();
     Ok((summary(robot, &tracked)?, rows(py, &tracked.run)?, page))
+}
+
+/// Leads the tip of a rig's robot along a path; `payload` (kg) hangs from a simulated one's tip.
+#[pyfunction]
+pub fn track_rig<'py>(
+    py: Python<'py>,
+    rig: PyRef<'_, Rig>,
+    path: PyRef<'_, TipPathOf>,
+    payload: f64,
+    controller: &str,
+    settings: Options,
+    seed: u64,
+) -> Outcome<(String, Rows<'py>, String)> {
+    let options = options(controller, settings, seed)?;
+    let path = &path.0;
+    let (robot, tracked) = rig.long(py, |rig, watch| {
+        let goes_on = || !watch.stopped();
+        let tracked = track::track_rig(rig, path, payload, &options, &goes_on, &mut |_| {});
+        (rig.robot().clone(), tracked)
+    })?;
+    let tracked = match tracked {
+        // As every call that moves a rig says it.
+        Err(TrackError::Rig(stopped)) => return Err((*stopped).into()),
+        tracked => tracked?,
+    };
+    let page = track::page(&robot, &tracked, Vec::new()).to_html();
+    Ok((summary(&robot, &tracked)?, rows(py, &tracked.run)?, page))
 }
 
 /// A plant that a Python object is.

@@ -22,6 +22,7 @@ mod hint;
 mod home;
 mod images;
 mod jog;
+mod jog_tip;
 #[cfg(any(test, feature = "joystick"))]
 mod joystick;
 mod keys;

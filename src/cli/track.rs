@@ -11,8 +11,8 @@ use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Robot, RobotSpec};
 use tdcr::track::{
-    TrackOptions, TrackSummary, Tracked, TruthOptions, closed_path, curve_named, headline, page,
-    path_of_rows, table, track_rig, track_simulated,
+    TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions, closed_path, curve_named, headline, page,
+    path_of_rows, table, track_rig, track_simulated, write_log,
 };
 
 use super::console::{Console, Interrupted};
@@ -20,6 +20,9 @@ use super::loads::vector;
 use super::output;
 use super::scene::SceneArgs;
 use super::track_path::read_path;
+
+/// Bytes that the log of a rig leaves on its disk for the run's tables.
+const LOG_LEAVES: u64 = 16 << 20;
 
 /// Lead the tip along a path by a controller, on a simulated robot that differs from the controller's model
 ///
@@ -62,6 +65,9 @@ pub(super) struct TrackArgs {
     /// Folder of the run's tables
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Write no log of a rig. Else DIR/log.mcap has all that servos and cameras did, log-2.mcap the next time
+    #[arg(long)]
+    no_log: bool,
     /// Write an HTML page: error, path, commands, tensions, estimated payload
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -98,6 +104,7 @@ pub(super) fn run(args: &TrackArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(out) = &args.out {
         fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
         output::write(&out.join("run.csv"), table(&robot, &tracked.run))?;
+        write_log(&out.join("run.mcap"), &tracked.run)?;
         if let Some(open_loop) = &tracked.open_loop {
             output::write(&out.join("open-loop.csv"), table(&robot, open_loop))?;
         }
@@ -139,10 +146,22 @@ fn on_rig(args: &TrackArgs, rig: &Path, console: &Console) -> anyhow::Result<(Ro
     let robot = file.compile()?;
     let path = args.path(&robot)?;
     let mut rig = Rig::open_file(file, Pace::Computed)?;
+    if let (Some(out), false) = (&args.out, args.no_log) {
+        fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+        rig.log_in(out, "log", LOG_LEAVES)?;
+    }
     let payload = args.different.payload;
     let goes_on = || !console.interrupted();
-    let tracked = track_rig(&mut rig, &path, payload, &args.options, &goes_on, &mut |_| {})?;
-    Ok((rig.robot().clone(), tracked))
+    let tracked = track_rig(&mut rig, &path, payload, &args.options, &goes_on, &mut |_| {});
+    if let Err(error) = rig.finish_log() {
+        tracing::warn!("the log is not whole: {error}");
+    }
+    match tracked {
+        Ok(tracked) => Ok((robot, tracked)),
+        // As every command that moves a rig says it.
+        Err(TrackError::Rig(stopped)) => Err((*stopped).into()),
+        Err(error) => Err(error.into()),
+    }
 }
 
 /// The result in words.

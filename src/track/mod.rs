@@ -1,14 +1,18 @@
 //! A tip led along a path by a controller: on a simulated robot that differs from the controller's model, the open loop beside it, or on a
 //! rig.
 
+mod log;
 mod options;
 mod results;
 mod rig;
+mod steer;
 
+pub use log::write_log;
 pub use options::{
     ControllerName, Sight, TrackOptions, TruthOptions, closed_path, curve_named, path_of_rows,
 };
 pub use rig::{RigLimitsError, RigPlant};
+pub use steer::{SteerError, TipSteer};
 pub use results::{EstimatedJson, IncidentJson, TrackSummary, headline, page, table};
 
 use std::ops::ControlFlow;
@@ -79,7 +83,7 @@ pub enum TrackError {
     #[error(transparent)]
     Run(Box<TrackingError>),
     /// A rig that sees nothing.
-    #[error("rig `{0}` has no cameras; expected some, as the robot's clouds are what is measured")]
+    #[error("rig `{0}` has no cameras; expected some, as the robot's clouds are what is measured, or a controller that measures nothing")]
     NoCameras(String),
     /// A load of a robot on the desk, where only people hang masses.
     #[error("a payload of {mass} kg is given, and rig `{rig}` is not simulated; expected 0")]
@@ -203,7 +207,7 @@ pub fn track_rig(
     goes_on: &dyn Fn() -> bool,
     each: &mut dyn FnMut(&TrackingRow),
 ) -> Result<Tracked, TrackError> {
-    if rig.cameras().is_empty() {
+    if rig.cameras().is_empty() && options.controller.make().is_closed_loop() {
         return Err(TrackError::NoCameras(rig.spec().name.clone()));
     }
     let robot = rig.robot().clone();
