@@ -36,6 +36,7 @@ extern crate self as tdcr;
 pub mod cli;
 pub mod pages;
 pub mod pipeline;
+pub mod reach;
 pub mod report;
 pub mod study;
 pub mod track;

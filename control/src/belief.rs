@@ -4,7 +4,7 @@ use std::fmt;
 
 use nalgebra::{DMatrix, DVector, Matrix3xX, Vector3};
 use tdcr_sim::chain::Configuration;
-use tdcr_sim::inverse::recording::{Marker, Servo};
+use tdcr_sim::inverse::recording::{Marker, Servo, Touch};
 use tdcr_sim::robot::{
     Axis, CommandError, Drive, Frame, Loads, LoadsError, Parameter, Robot, SpecError, Wrench,
 };
@@ -300,6 +300,27 @@ impl Linear {
             }
         }
         Ok([&rows * &self.by_command, &rows * &self.by_unknowns])
+    }
+
+    /// By how much the distances of points from the robot's surface, above 0 outside, shrink with the unknowns (m per unit): a row for
+    /// each of the places nearest to them. It is exact, as the nearest place is a minimum of the distance (point to plane: Chen and
+    /// Medioni, Image and Vision Computing 10, 1992).
+    ///
+    /// # Errors
+    /// [`BeliefError`] for a parameter that the robot does not have.
+    pub fn approaches(&self, touches: &[Touch]) -> Result<DMatrix<f64>, BeliefError> {
+        let discs = self.sensitivity.jacobian(&self.parameters)? * &self.by_unknowns;
+        let mut rows = DMatrix::zeros(touches.len(), self.by_unknowns.ncols());
+        for (row, touch) in touches.iter().enumerate() {
+            // What is fixed to the base does not move.
+            let Some(disc) = touch.body else { continue };
+            let arm = self.equilibrium.orientations[disc] * touch.in_body;
+            let moment = arm.cross(&touch.normal);
+            let along = discs.fixed_rows::<3>(6 * disc).tr_mul(&touch.normal);
+            let about = discs.fixed_rows::<3>(6 * disc + 3).tr_mul(&moment);
+            rows.set_row(row, &(along + about).transpose());
+        }
+        Ok(rows)
     }
 
     /// Where the tip is (m), and its Jacobian by the command (m per m or N).

@@ -222,7 +222,8 @@ impl<'s> Run<'s> {
         }
         let tendons = robot.tendons().len();
         let limits = &settings.limits;
-        for found in [limits.low.len(), limits.high.len(), limits.step.len()] {
+        let of_tendons = [&limits.low, &limits.high, &limits.step, &limits.preferred];
+        for found in of_tendons.map(Vec::len) {
             if found != tendons {
                 return Err(TrackingError::Limits {
                     found,
@@ -272,16 +273,22 @@ impl<'s> Run<'s> {
         target: &dyn Fn(usize) -> Vector3<f64>,
     ) -> Result<TrackingRow, TrackingError> {
         let now = self.commands[0].clone();
-        self.lag.measure(measured);
+        if measured.is_some() {
+            self.lag.measure(measured);
+        }
         let acting = self.commands[self.lag.periods()].clone();
         let estimated = self.estimator.update(&acting, measurement, self.period);
         let mut held = estimated.err().map(|error| error.to_string());
-        // Without the tip itself, other points tell where the model has it.
-        let tip = match (measured, measurement.sightings.is_empty()) {
+        // Without the tip itself, what else is seen tells where the model has it.
+        let tip = match (measured, measurement.shows_robot()) {
             (Some(tip), _) => Some(tip),
-            (None, false) => self.estimator.belief().tip(&acting).ok(),
-            (None, true) => None,
+            (None, true) => self.estimator.belief().tip(&acting).ok(),
+            (None, false) => None,
         };
+        if measured.is_none() {
+            self.lag.measure(tip);
+        }
+        let acting = self.commands[self.lag.periods()].clone();
         let is_closed_loop = controller.is_closed_loop();
         if tip.is_none() && is_closed_loop {
             held = Some("the tip is not seen".to_owned());

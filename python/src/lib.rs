@@ -151,7 +151,7 @@ mod _tdcr {
         start_noise, train_settings, velocities,
     };
     #[pymodule_export]
-    use crate::tracking::{TipPathOf, track_plant, track_simulated};
+    use crate::tracking::{TipPathOf, track_plant, track_rig, track_simulated};
     #[pymodule_export]
     use crate::training::{distill, train, train_options};
     #[pymodule_export]

@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use serde_json::json;
@@ -12,6 +14,7 @@ use tdcr::learn::net::Precision;
 use tdcr::learn::predict::Prediction;
 use tdcr::learn::train::Model;
 use tdcr::pipeline::SamplerPlan;
+use tdcr::reach::{CloudSearch, reach_cloud};
 use tdcr::sim::robot::Loads;
 
 use crate::arrays::{array, contiguous};
@@ -184,7 +187,60 @@ impl Predictor {
         let found: Outcome<Vec<Cloud>> = found.into_iter().filter_map(Result::transpose).collect();
         arrays(py, &found?, points)
     }
+
+    /// The condition, from `start` (D,) on, whose predicted cloud is nearest to a cloud (N, 3) (m): it, the mean distances (m) before the
+    /// first step and after each, and the predicted cloud.
+    fn reach<'py>(
+        &self,
+        py: Python<'py>,
+        cloud: PyReadonlyArray2<'py, f32>,
+        start: PyReadonlyArray1<'py, f64>,
+        options: ReachOptions,
+    ) -> Outcome<Reached<'py>> {
+        let dim = self.model.provenance.normalisation.motor_min.len();
+        let start = contiguous(&start, "start", &[dim])?;
+        self.check(start)?;
+        let count = cloud.shape()[0];
+        let wanted = contiguous(&cloud, "cloud", &[count, 3])?.as_chunks::<3>().0;
+        let sampler = options.sampler.resolve(&self.model)?;
+        let search = CloudSearch {
+            steps: options.steps,
+            points: options.points,
+            tolerance: options.tolerance,
+            seed: options.seed,
+        };
+        let found = run::long(py, None, |watch| {
+            reach_cloud(&self.model, &sampler, wanted, start, &search, &mut || {
+                !watch.stopped()
+            })
+        })?;
+        let found = found.map_err(|error| Failure::input(error.to_string()))?;
+        let points = found.cloud.len();
+        Ok((
+            PyArray1::from_vec(py, found.condition),
+            PyArray1::from_vec(py, found.distances),
+            array(py, found.cloud.into_flattened(), [points, 3])?,
+        ))
+    }
 }
+
+/// How a command is looked for.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct ReachOptions {
+    steps: usize,
+    points: usize,
+    tolerance: f64,
+    seed: u64,
+    sampler: SamplerOptions,
+}
+
+/// A condition (D,), mean distances (m), a cloud (N, 3) (m).
+type Reached<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f32>>,
+);
 
 impl Predictor {
     /// Refuses a condition that the robot cannot be under.

@@ -324,6 +324,18 @@ impl Rig {
     }
 }
 
+impl Rig {
+    /// Long work with the rig, without the interpreter's lock; it is told where a signal ends it.
+    pub(crate) fn long<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut tdcr::hw::rig::Rig, &Watch) -> T + Send,
+    ) -> Outcome<T> {
+        let rig = &self.0;
+        run::long(py, None, |watch| Ok(work(&mut *locked(rig)?, watch)))?
+    }
+}
+
 fn locked(
     rig: &Mutex<tdcr::hw::rig::Rig>,
 ) -> Outcome<std::sync::MutexGuard<'_, tdcr::hw::rig::Rig>> {

@@ -13,15 +13,16 @@ use tdcr::track::{
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome};
+use crate::rig::Rig;
 use crate::robot::Robot;
 use crate::run;
 use crate::scene::Scene;
 
 /// Period (s), approach (s), largest rate (1/s in the command's unit), tensions (N).
-type Options = (f64, f64, Option<f64>, Option<[f64; 2]>);
+type Options = (Option<f64>, f64, Option<f64>, Option<[f64; 2]>);
 
-/// Payload (kg), friction, backlash, error of spools, delay (s), noise (m), noise of tensions (N), time step (s).
-type Different = (f64, f64, f64, f64, f64, f64, f64, Option<f64>);
+/// Payload (kg), friction, backlash, error of spools, delay (s), how it is seen, noise of tensions (N), time step (s).
+type Different = (f64, f64, f64, f64, f64, String, Option<f64>, Option<f64>);
 
 /// Times, targets, tips, commands, tensions, estimates and their deviations, by periods; NaN where a number is not known.
 type Rows<'py> = (
@@ -116,7 +117,7 @@ pub fn track_simulated<'py>(
         backlash,
         gain_error,
         delay,
-        noise,
+        noise: noise.parse().map_err(|error| Failure::input(format!("noise: {error}")))?,
         tension_noise,
         timestep,
     };
@@ -160,7 +161,7 @@ pub fn track_plant<'py>(
         let message = format!("the plant's period is {period} s; expected a finite number above 0");
         return Err(Failure::input(message));
     }
-    options.period = period;
+    options.period = Some(period);
     let mut own = OwnPlant {
         object: &plant,
         period,
@@ -174,9 +175,37 @@ pub fn track_plant<'py>(
         open_loop: None,
         period,
         payload: f64::NAN,
+        late: 0,
     };
     let page = track::page(robot, &tracked, Vec::new()).to_html();
     Ok((summary(robot, &tracked)?, rows(py, &tracked.run)?, page))
+}
+
+/// Leads the tip of a rig's robot along a path; `payload` (kg) hangs from a simulated one's tip.
+#[pyfunction]
+pub fn track_rig<'py>(
+    py: Python<'py>,
+    rig: PyRef<'_, Rig>,
+    path: PyRef<'_, TipPathOf>,
+    payload: f64,
+    controller: &str,
+    settings: Options,
+    seed: u64,
+) -> Outcome<(String, Rows<'py>, String)> {
+    let options = options(controller, settings, seed)?;
+    let path = &path.0;
+    let (robot, tracked) = rig.long(py, |rig, watch| {
+        let goes_on = || !watch.stopped();
+        let tracked = track::track_rig(rig, path, payload, &options, &goes_on, &mut |_| {});
+        (rig.robot().clone(), tracked)
+    })?;
+    let tracked = match tracked {
+        // As every call that moves a rig says it.
+        Err(TrackError::Rig(stopped)) => return Err((*stopped).into()),
+        tracked => tracked?,
+    };
+    let page = track::page(&robot, &tracked, Vec::new()).to_html();
+    Ok((summary(&robot, &tracked)?, rows(py, &tracked.run)?, page))
 }
 
 /// A plant that a Python object is.
@@ -215,6 +244,19 @@ impl OwnPlant<'_, '_> {
         }
     }
 
+    /// Points of a measurement's entry `cloud`, shape (n, 3) (m); `None` where it is missing.
+    fn cloud(found: &Bound<'_, PyAny>) -> PyResult<Option<Vec<nalgebra::Vector3<f64>>>> {
+        let entry = found.call_method1("get", ("cloud",))?;
+        if entry.is_none() {
+            return Ok(None);
+        }
+        let rows: Vec<[f64; 3]> = entry.extract().map_err(|_| -> PyErr {
+            Failure::input("the plant measures a cloud that is no array of shape (n, 3)".to_owned())
+                .into()
+        })?;
+        Ok(Some(rows.into_iter().map(Into::into).collect()))
+    }
+
     fn measured(&self) -> PyResult<Measurement> {
         let found = self.object.call_method0("measure")?;
         let tip = self.numbers(&found, "tip", 3)?;
@@ -227,6 +269,7 @@ impl OwnPlant<'_, '_> {
         });
         Ok(Measurement {
             sightings: sightings.into_iter().collect(),
+            cloud: Self::cloud(&found)?,
             tensions: self.numbers(&found, "tensions", self.tendons)?,
             lengths: self.numbers(&found, "lengths", self.tendons)?,
         })

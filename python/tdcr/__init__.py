@@ -33,7 +33,7 @@ from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
 from tdcr.planning import Deployment, Plan, follow_the_leader, plan
-from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
+from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor, Reached
 from tdcr.recordings import RecordingCalibration, calibrate_recording
 from tdcr.rig import Rig
 from tdcr.robot import Robot
@@ -72,6 +72,7 @@ __all__ = [
     "Plan",
     "Prediction",
     "Predictor",
+    "Reached",
     "RecordingCalibration",
     "Rig",
     "Robot",

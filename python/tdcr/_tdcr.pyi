@@ -88,6 +88,7 @@ __all__ = [
     "study",
     "threads",
     "track_plant",
+    "track_rig",
     "track_simulated",
     "train",
     "train_options",
@@ -320,8 +321,8 @@ class TipPathOf:
     def rows(rows: _Floats) -> TipPathOf: ...
 
 _TrackingRows = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]
-_TrackOptions = tuple[float, float, float | None, list[float] | None]
-_Different = tuple[float, float, float, float, float, float, float, float | None]
+_TrackOptions = tuple[float | None, float, float | None, list[float] | None]
+_Different = tuple[float, float, float, float, float, str, float | None, float | None]
 
 def track_simulated(
     robot: Robot,
@@ -338,6 +339,14 @@ def track_plant(
     robot: Robot,
     path: TipPathOf,
     start: _Floats | None,
+    controller: str,
+    settings: _TrackOptions,
+    seed: int,
+) -> tuple[str, _TrackingRows, str]: ...
+def track_rig(
+    rig: Rig,
+    path: TipPathOf,
+    payload: float,
     controller: str,
     settings: _TrackOptions,
     seed: int,
@@ -651,6 +660,12 @@ class Predictor:
         options: dict[str, Any],
         progress: _Progress = None,
     ) -> tuple[_Floats32, _Bytes | None, _Floats32 | None, NDArray[np.uint32]]: ...
+    def reach(
+        self,
+        cloud: _Floats32,
+        start: _Floats,
+        options: dict[str, Any],
+    ) -> tuple[_Floats, _Floats, _Floats32]: ...
 
 def train(
     source: str | tuple[Robot, str, Scene | None],

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_count, as_rows, maybe_count, maybe_number, maybe_text
+from tdcr._arrays import Floats, Progress, as_count, as_float, as_floats, as_number, as_rows, maybe_count, maybe_number, maybe_text
 from tdcr._files import as_path
-from tdcr._results import Batch
+from tdcr._results import Batch, Result
 from tdcr.data import MOST, Bytes, Floats32, Normalisation, PathLike, as_seed
 from tdcr.errors import InputError, TrainError
 from tdcr.robot import Robot
@@ -61,6 +61,21 @@ class Prediction(Batch):
     def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> Prediction:
         """The clouds that a slice, a mask of flags or an array of numbers names."""
         return self._take(rows)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reached(Result):
+    """A command that was found for a cloud.
+
+    Attributes:
+        condition: Shape (D,): the command (m or N), then the payload (kg) if there is one.
+        distances: Mean distance of the points of both clouds from each other (m): before the first step, and after each.
+        cloud: The predicted cloud, shape (N, 3), float32 (m).
+    """
+
+    condition: Floats
+    distances: Floats
+    cloud: Floats32
 
 
 class Predictor:
@@ -174,6 +189,50 @@ class Predictor:
             "prior_samples": as_count(prior_samples, "prior_samples", 1, MOST) if uncertainty else 0,
         }
         return Prediction(*self._native.predict(rows, options, progress=progress))
+
+    def reach(
+        self,
+        cloud: Any,
+        *,
+        start: Any = None,
+        steps: int = 20,
+        points: int = 1024,
+        tolerance: float = 0.0,
+        seed: int = 0,
+    ) -> Reached:
+        """Looks for the command whose predicted cloud is nearest to a wanted one; as ``tdcr reach --cloud``.
+
+        It needs no simulator: each step takes differences of predictions that start from the same noise for derivatives, and
+        changes the command so that matched points come together. Commands stay within those of the training data.
+
+        Args:
+            cloud: Points that the robot is to look like, shape (N, 3) (m, world frame).
+            start: Condition to start from, shape (D,): the command, then the payload (kg) if there is one, which stays. The middle of
+                the training data's unless given.
+            steps: Most steps.
+            points: Points of the predicted clouds, 16 or more.
+            tolerance: Mean distance between the clouds (m) at which the search ends.
+            seed: Seed of the noise that predictions start from.
+
+        Raises:
+            InputError: For a cloud that is none, and conditions that the robot cannot be under.
+        """
+        wanted = np.ascontiguousarray(as_floats(cloud, "cloud"), dtype=np.float32)
+        if wanted.ndim != 2 or wanted.shape[1] != 3 or len(wanted) == 0:
+            raise InputError(f"cloud has shape {wanted.shape}; expected (N, 3), N above 0")
+        low, high, _ = self._native.units()
+        first = (low + high) / 2 if start is None else as_float(start, "start", (self.condition_width,))
+        found = as_number(tolerance, "tolerance")
+        if found < 0.0:
+            raise InputError(f"tolerance is {found}; expected a number, 0 or above")
+        options = {
+            "steps": as_count(steps, "steps", 0, MOST),
+            "points": as_count(points, "points", 16, MOST),
+            "tolerance": found,
+            "seed": as_seed(seed),
+            "sampler": sampler_options(None, None, None, None, None, None),
+        }
+        return Reached(*self._native.reach(wanted, first, options))
 
     def uncertainty(
         self, conditions: Any, points: int = 10_000, *, prior_samples: int = 1, seed: int = 0, **options: Any

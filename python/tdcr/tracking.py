@@ -1,4 +1,4 @@
-"""Closed loop: a tip led along a path by a controller, on a simulated robot or on a plant of one's own (:func:`track`)."""
+"""Closed loop: a tip led along a path by a controller, on a simulated robot, a rig or a plant of one's own (:func:`track`)."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from tdcr._files import as_path
 from tdcr._results import Result
 from tdcr.data import PathLike
 from tdcr.errors import DataError, InputError
+from tdcr.rig import Rig
 from tdcr.robot import Robot, RobotLike, as_robot
 from tdcr.scene import Scene, as_scene, nothing
 
@@ -26,8 +27,9 @@ class Plant(Protocol):
         ...
 
     def measure(self) -> Mapping[str, Any]:
-        """What the sensors say now: ``"tip"``, the distal disc's origin (3 numbers, m, world frame), ``"tensions"`` (N) and
-        ``"lengths"`` (m) of the tendons. Each may be missing, None or NaN where a sensor says nothing."""
+        """What the sensors say now: ``"tip"``, the distal disc's origin (3 numbers, m, world frame), ``"cloud"``, points of the
+        robot's surface without its base, shape (n, 3) (m), ``"tensions"`` (N) and ``"lengths"`` (m) of the tendons. Each may be
+        missing, None or NaN where a sensor says nothing."""
         ...
 
     def command(self, command: Floats) -> None:
@@ -69,12 +71,12 @@ def track(
     robot: RobotLike,
     path: Any,
     *,
-    plant: Plant | None = None,
+    plant: Plant | Rig | None = None,
     controller: str = "resolved-rate",
     diameter: float = 0.06,
     duration: float = 20.0,
     centre: Any = None,
-    period: float = 0.05,
+    period: float | None = None,
     approach: float = 4.0,
     rate: float | None = None,
     tension: Any = None,
@@ -85,8 +87,8 @@ def track(
     backlash: float = 0.0,
     gain_error: float = 0.0,
     delay: float = 0.0,
-    noise: float = 0.0,
-    tension_noise: float = 0.0,
+    noise: float | str = 0.0,
+    tension_noise: float | None = None,
     timestep: float | None = None,
     start: Any = None,
     seed: int = 0,
@@ -97,13 +99,15 @@ def track(
     Args:
         robot: The robot, as the controller models it.
         path: ``"circle"``, ``"eight"``, ``"square"``, ``"lissajous"``, or rows of t, x, y, z, shape (n, 4) (s, m, world frame).
-        plant: A robot of one's own. Without one it is simulated, and differs from the model as the arguments from ``truth`` on
-            say; those are for simulated robots only.
+        plant: A robot of one's own, or a :class:`Rig`, whose robot is ``robot``: it moves within the rig's limits, is seen by its
+            cameras, and its tension is released at the end. Without one it is simulated, and differs from the model as the
+            arguments from ``truth`` on say; those are for simulated robots only, but for ``payload`` of a simulated rig.
         controller: ``"inverse"`` (open loop), ``"resolved-rate"`` or ``"mpc"``.
         diameter: Width of a curve that is named (m).
         duration: Time in which it is run through (s).
         centre: Its centre, shape (3,) (m); where the robot reaches it unless given.
-        period: Time between commands (s); a plant of one's own has its own.
+        period: Time between commands (s), 0.05 unless given; of a rig 0.1, to the nearest multiple of its ``motion.period``; a plant of
+            one's own has its own.
         approach: Time before the path in which the tip is led to its first point (s).
         rate: Largest change of a command in a second (m/s or N/s); half of each tendon's range unless given.
         tension: Smallest and largest tension that commands may lead to, shape (2,) (N).
@@ -114,8 +118,9 @@ def track(
         backlash: Play between each servo and its tendon, its whole width (m or N).
         gain_error: Share by which each spool pulls too much or too little, by a sign drawn for each.
         delay: Time from a command to when the tendons get it (s).
-        noise: Standard deviation of the tip's measured coordinates (m).
-        tension_noise: Standard deviation of measured tensions (N).
+        noise: Standard deviation of the tip's measured coordinates (m); or ``"d435"``: only clouds are measured, of the cameras of the
+            robot's file, which are D435s.
+        tension_noise: Standard deviation of measured tensions (N), 0 unless given; beside ``"d435"`` they are not measured then.
         timestep: Time step of a robot in motion (s); without it the robot is always at rest.
         start: What the tendons of ``plant`` are commanded now, shape (tendons,); the model's command for the path's first point
             unless given.
@@ -124,6 +129,7 @@ def track(
 
     Raises:
         InputError: For paths, plants and numbers that are none; what a plant raises is raised again.
+        RigError: Where something goes wrong with a rig; its tension is released then.
         DataError: For a page that cannot be written.
     """
     model = as_robot(robot)
@@ -132,7 +138,7 @@ def track(
     named = as_text(controller, "controller")
     number = as_count(seed, "seed", 0, 2**64 - 1)
     settings = (
-        _positive(period, "period"),
+        None if period is None else _positive(period, "period"),
         _not_negative(approach, "approach"),
         None if rate is None else as_number(rate, "rate"),
         None if tension is None else as_float(tension, "tension", (2,)).tolist(),
@@ -143,15 +149,23 @@ def track(
         "backlash": backlash,
         "gain_error": gain_error,
         "delay": delay,
-        "noise": noise,
-        "tension_noise": tension_noise,
+        "noise": 0.0 if isinstance(noise, str) else noise,
+        "tension_noise": 0.0 if tension_noise is None else tension_noise,
     }
     numbers = {name: _not_negative(value, name) for name, value in differs.items()}
+    seen = as_text(noise, "noise") if isinstance(noise, str) else repr(numbers["noise"])
     step = None if timestep is None else _positive(timestep, "timestep")
     if step is not None and numbers["friction"] > 0.0:
         raise InputError("friction is given beside timestep: tendons with friction cannot be simulated in motion")
+    if isinstance(plant, Rig):
+        given = {"truth": truth, "scene": scene, "timestep": step, "start": start}
+        _simulated_only(numbers, {"payload"}, seen, given)
+        text, rows, html = _tdcr.track_rig(plant._native, way, numbers["payload"], named, settings, number)
+        _write(page, html)
+        return _tracking(text, rows, None)
     if plant is not None:
-        return _on_plant(plant, model, way, start, named, settings, number, page, numbers, truth, scene, step)
+        _simulated_only(numbers, set(), seen, {"truth": truth, "scene": scene, "timestep": step})
+        return _on_plant(plant, model, way, start, named, settings, number, page)
     if start is not None:
         raise InputError("start is given without a plant: a simulated robot starts at the path's first point")
     true = model if truth is None else as_robot(truth)
@@ -170,8 +184,8 @@ def track(
             numbers["backlash"],
             numbers["gain_error"],
             numbers["delay"],
-            numbers["noise"],
-            numbers["tension_noise"],
+            seen,
+            None if tension_noise is None else numbers["tension_noise"],
             step,
         ),
         number,
@@ -180,27 +194,28 @@ def track(
     return _tracking(text, rows, open_loop)
 
 
+def _simulated_only(numbers: dict[str, float], allowed: set[str], seen: str, others: dict[str, Any]) -> None:
+    """Refuses what says how a simulated robot differs from its model, beside a plant that does so by itself."""
+    given = [name for name, value in numbers.items() if value != 0.0 and name not in allowed]
+    given += ["noise"] if seen == "d435" else []
+    given += [name for name, value in others.items() if value is not None]
+    if given:
+        raise InputError(f"{', '.join(given)}: these are of simulated robots; leave them out beside plant")
+
+
 def _on_plant(
     plant: Plant,
     model: Robot,
     way: _tdcr.TipPathOf,
     start: Any,
     controller: str,
-    settings: tuple[float, float, float | None, list[float] | None],
+    settings: tuple[float | None, float, float | None, list[float] | None],
     seed: int,
     page: str | None,
-    numbers: dict[str, float],
-    truth: Any,
-    scene: Any,
-    step: float | None,
 ) -> Tracking:
     for name in ("period", "measure", "command"):
         if not callable(getattr(plant, name, None)):
             raise InputError(f"plant is {plant!r}; expected an object with the methods period, measure and command")
-    given = [name for name, value in numbers.items() if value != 0.0]
-    given += [name for name, value in {"truth": truth, "scene": scene, "timestep": step}.items() if value is not None]
-    if given:
-        raise InputError(f"{', '.join(given)}: these are of simulated robots; leave them out beside plant")
     first = None if start is None else as_float(start, "start", (model.tendons,))
     text, rows, html = _tdcr.track_plant(plant, model._native, way, first, controller, settings, seed)
     _write(page, html)

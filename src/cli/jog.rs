@@ -16,6 +16,7 @@ use tdcr::sim::cloud::write_ply;
 
 use super::console::{Console, Interrupted};
 use super::is_interruption;
+use super::jog_tip;
 use super::keys::{Keys, Pressed};
 
 /// Bytes that the log leaves on its disk: some clouds of tens of thousands of points.
@@ -31,6 +32,13 @@ pub(super) struct JogArgs {
     /// File of the rig
     #[arg(long, value_name = "FILE")]
     rig: PathBuf,
+    /// Steer the tip in the world's axes: w and s along y, a and d along x, + and - along z, through the model in open loop; h goes
+    /// home. Tensions stay within the rig's commands.tension
+    #[arg(long, conflicts_with_all = ["bend", "tension"])]
+    tip: bool,
+    /// Way of a key of --tip (m)
+    #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, requires = "tip")]
+    pub step: f64,
     /// Bend of a key (rad)
     #[arg(long, default_value_t = 0.05, value_name = "RAD", value_parser = super::positive)]
     bend: f64,
@@ -44,7 +52,7 @@ pub(super) struct JogArgs {
     joystick: bool,
     /// Folder of what is captured
     #[arg(long, default_value = "jog", value_name = "DIR")]
-    out: PathBuf,
+    pub out: PathBuf,
     /// Write no log. Else DIR/log.mcap has all that servos and cameras did, log-2.mcap the next time
     #[arg(long)]
     no_log: bool,
@@ -61,15 +69,15 @@ impl JogArgs {
 }
 
 #[derive(Serialize)]
-struct Jogged<'a> {
+pub(super) struct Jogged<'a> {
     dir: &'a Path,
     log: Option<PathBuf>,
     /// Moves that were made.
-    moves: usize,
+    pub moves: usize,
     /// Moves that were refused.
-    refused: usize,
+    pub refused: usize,
     /// Clouds that were captured.
-    captured: usize,
+    pub captured: usize,
 }
 
 pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
@@ -94,7 +102,10 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
         refused: 0,
         captured: 0,
     };
-    let ended = obey(&mut rig, &keys, args, &mut jogged, console);
+    let ended = match args.tip {
+        true => jog_tip::obey(&mut rig, &keys, args, &mut jogged, console),
+        false => obey(&mut rig, &keys, args, &mut jogged, console),
+    };
     // What was captured is worth more than the log.
     if let Err(error) = rig.finish_log() {
         tracing::warn!("the log is not whole: {error}");
@@ -212,7 +223,7 @@ fn turned(at: &Shape, rest: &Shape, module: usize, key: char, args: &JogArgs) ->
 }
 
 /// Writes a cloud and its motors as `tdcr data import` reads them, beside those of earlier runs.
-fn save(dir: &Path, number: usize, sample: &Captured) -> anyhow::Result<()> {
+pub(super) fn save(dir: &Path, number: usize, sample: &Captured) -> anyhow::Result<()> {
     fs::create_dir_all(dir).with_context(|| format!("cannot create {}", dir.display()))?;
     let mut name = number;
     while dir.join(format!("jog-{name:04}.ply")).exists() {

@@ -22,6 +22,7 @@ mod hint;
 mod home;
 mod images;
 mod jog;
+mod jog_tip;
 #[cfg(any(test, feature = "joystick"))]
 mod joystick;
 mod keys;
@@ -35,6 +36,7 @@ mod predict;
 mod pretension;
 mod printable;
 mod reach;
+mod reach_cloud;
 mod render;
 mod scan;
 mod scene;

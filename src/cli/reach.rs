@@ -21,11 +21,12 @@ use super::commands::read_points;
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsJson, vector};
 use super::output;
+use super::reach_cloud::{self, CloudArgs};
 use super::scene::SceneArgs;
 use super::settle_contacts::ContactJson;
 use super::units::command_columns;
 
-/// Find the command that brings the tip to a point, or along a path of points
+/// Find the command that brings the tip to a point, along a path of points, or the robot into the shape of a cloud
 #[derive(Debug, Args)]
 pub(super) struct ReachArgs {
     #[command(flatten)]
@@ -36,7 +37,7 @@ pub(super) struct ReachArgs {
         value_name = "X,Y,Z",
         value_parser = vector,
         allow_hyphen_values = true,
-        required_unless_present = "path",
+        required_unless_present_any = ["path", "cloud"],
         conflicts_with = "path"
     )]
     tip: Option<[f64; 3]>,
@@ -44,6 +45,8 @@ pub(super) struct ReachArgs {
     /// list of lists. The robot follows them without jumps where it can
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
+    #[command(flatten)]
+    cloud: CloudArgs,
     #[command(flatten)]
     loads: LoadArgs,
     #[command(flatten)]
@@ -169,6 +172,9 @@ fn reason(outcome: &Outcome) -> Option<String> {
 }
 
 pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
+    if let Some(cloud) = &args.cloud.cloud {
+        return reach_cloud::run(&args.cloud, cloud, args.loads.payload, args.seed, console);
+    }
     let format = |out: &PathBuf| output::format("--out", out, &["csv", "json"]);
     let format = args.out.as_ref().map(format).transpose()?;
     let robot = Robot::new(args.robot.load()?)?;

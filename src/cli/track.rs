@@ -6,11 +6,13 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 use tdcr::control::tip_path::TipPath;
+use tdcr::hw::rig::{Pace, Rig};
 use tdcr::pipeline::Monitor;
+use tdcr::report::counted;
 use tdcr::sim::robot::{Robot, RobotSpec};
 use tdcr::track::{
-    TrackOptions, TrackSummary, TruthOptions, closed_path, curve_named, headline, page,
-    path_of_rows, table, track_simulated,
+    TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions, closed_path, curve_named, headline, page,
+    path_of_rows, table, track_rig, track_simulated, write_log,
 };
 
 use super::console::{Console, Interrupted};
@@ -18,6 +20,9 @@ use super::loads::vector;
 use super::output;
 use super::scene::SceneArgs;
 use super::track_path::read_path;
+
+/// Bytes that the log of a rig leaves on its disk for the run's tables.
+const LOG_LEAVES: u64 = 16 << 20;
 
 /// Lead the tip along a path by a controller, on a simulated robot that differs from the controller's model
 ///
@@ -30,8 +35,14 @@ pub(super) struct TrackArgs {
     /// The simulated robot: 2m, 3m, 5m, or a robot file [default: --robot]
     #[arg(long, value_name = "ROBOT")]
     truth: Option<String>,
-    /// A rig in place of a simulated robot
-    #[arg(long, value_name = "FILE")]
+    /// File of a rig in place of a simulated robot: the robot is the rig's, and its cameras' clouds are what is measured
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with_all = [
+            "name_or_path", "truth", "friction", "backlash", "gain_error", "delay", "noise", "tension_noise", "timestep", "scene",
+        ]
+    )]
     rig: Option<PathBuf>,
     /// circle, eight, square, lissajous, or a CSV file of columns t, x, y, z (s, m)
     #[arg(long, value_name = "PATH")]
@@ -54,6 +65,9 @@ pub(super) struct TrackArgs {
     /// Folder of the run's tables
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Write no log of a rig. Else DIR/log.mcap has all that servos and cameras did, log-2.mcap the next time
+    #[arg(long)]
+    no_log: bool,
     /// Write an HTML page: error, path, commands, tensions, estimated payload
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -77,18 +91,35 @@ impl TrackArgs {
 }
 
 pub(super) fn run(args: &TrackArgs, console: &Console) -> anyhow::Result<()> {
-    if let Some(rig) = &args.rig {
-        bail!(
-            "--rig {}: paths are tracked on simulated robots only; leave out --rig",
-            rig.display()
-        );
-    }
     if let Some(out) = &args.out {
         output::folder("--out", out, "a folder for the run's tables")?;
     }
     if let Some(report) = &args.report {
         output::format("--report", report, &["html"])?;
     }
+    let (robot, tracked) = match &args.rig {
+        Some(rig) => on_rig(args, rig, console)?,
+        None => simulated(args, console)?,
+    };
+    if let Some(out) = &args.out {
+        fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+        output::write(&out.join("run.csv"), table(&robot, &tracked.run))?;
+        write_log(&out.join("run.mcap"), &tracked.run)?;
+        if let Some(open_loop) = &tracked.open_loop {
+            output::write(&out.join("open-loop.csv"), table(&robot, open_loop))?;
+        }
+    }
+    if console.interrupted() {
+        return Err(Interrupted.into());
+    }
+    let summary = TrackSummary::new(&robot, &tracked);
+    if let Some(report) = &args.report {
+        output::write(report, page(&robot, &tracked, settings(args)).to_html())?;
+    }
+    console.result(&summary, text)
+}
+
+fn simulated(args: &TrackArgs, console: &Console) -> anyhow::Result<(Robot, Tracked)> {
     let robot = Robot::new(args.robot.load()?)?;
     let truth: RobotSpec = match &args.truth {
         Some(name) => super::load_robot(name)?,
@@ -107,70 +138,97 @@ pub(super) fn run(args: &TrackArgs, console: &Console) -> anyhow::Result<()> {
     let path = args.path(&robot)?;
     let mut goes_on = |_: &_| !console.interrupted();
     let tracked = track_simulated(&robot, &truth, &path, &args.options, &mut goes_on)?;
-    if let Some(out) = &args.out {
+    Ok((robot, tracked))
+}
+
+fn on_rig(args: &TrackArgs, rig: &Path, console: &Console) -> anyhow::Result<(Robot, Tracked)> {
+    let file = super::load_rig(rig)?;
+    let robot = file.compile()?;
+    let path = args.path(&robot)?;
+    let mut rig = Rig::open_file(file, Pace::Computed)?;
+    if let (Some(out), false) = (&args.out, args.no_log) {
         fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
-        output::write(&out.join("run.csv"), table(&robot, &tracked.run))?;
-        if let Some(open_loop) = &tracked.open_loop {
-            output::write(&out.join("open-loop.csv"), table(&robot, open_loop))?;
-        }
+        rig.log_in(out, "log", LOG_LEAVES)?;
     }
-    if console.interrupted() {
-        return Err(Interrupted.into());
+    let payload = args.different.payload;
+    let goes_on = || !console.interrupted();
+    let tracked = track_rig(&mut rig, &path, payload, &args.options, &goes_on, &mut |_| {});
+    if let Err(error) = rig.finish_log() {
+        tracing::warn!("the log is not whole: {error}");
     }
-    let summary = TrackSummary::new(&robot, &tracked);
-    if let Some(report) = &args.report {
-        output::write(report, page(&robot, &tracked, settings(args)).to_html())?;
+    match tracked {
+        Ok(tracked) => Ok((robot, tracked)),
+        // As every command that moves a rig says it.
+        Err(TrackError::Rig(stopped)) => Err((*stopped).into()),
+        Err(error) => Err(error.into()),
     }
-    console.result(&summary, |summary| {
-        let mut text = headline(summary);
-        text.push('\n');
-        for incident in &summary.incidents {
-            text += &format!("at {:.2} s: {}\n", incident.time, incident.reason);
-        }
-        if let Some(payload) = summary
-            .estimated
-            .iter()
-            .find(|found| found.name == "payload")
-        {
-            let [value, band] = [payload.value, payload.deviation].map(|mass| 1e3 * mass);
-            text += &format!("estimated payload {value:.1} g, standard deviation {band:.1} g\n");
-        }
-        if !summary.untold.is_empty() {
-            text += &format!(
-                "not told by the measurements: {}\n",
-                summary.untold.join(", ")
-            );
-        }
-        text
-    })
+}
+
+/// The result in words.
+fn text(summary: &TrackSummary) -> String {
+    let mut text = headline(summary);
+    text.push('\n');
+    for incident in &summary.incidents {
+        text += &format!("at {:.2} s: {}\n", incident.time, incident.reason);
+    }
+    let mut estimated = summary.estimated.iter();
+    if let Some(payload) = estimated.find(|found| found.name == "payload") {
+        let [value, band] = [payload.value, payload.deviation].map(|mass| 1e3 * mass);
+        text += &format!("estimated payload {value:.1} g, standard deviation {band:.1} g\n");
+    }
+    if !summary.untold.is_empty() {
+        text += &format!(
+            "not told by the measurements: {}\n",
+            summary.untold.join(", ")
+        );
+    }
+    if summary.late_periods > 0 {
+        text += &format!(
+            "{} took longer than {} s: the path was followed more slowly there; give a longer --period\n",
+            counted(summary.late_periods, "period"),
+            summary.period
+        );
+    }
+    text
 }
 
 /// What was run, for the page.
 fn settings(args: &TrackArgs) -> Vec<(String, String)> {
-    let different = &args.different;
+    let options = &args.options;
+    let mut all = vec![("Path", args.path.clone())];
+    if let Some(period) = options.period {
+        all.push(("Time between commands", format!("{period} s")));
+    }
+    all.push((
+        "Unknown payload",
+        format!("{} kg", args.different.payload),
+    ));
+    match &args.rig {
+        Some(rig) => all.push(("Rig", rig.display().to_string())),
+        None => all.extend(differences(&args.different)),
+    }
+    all.push(("Seed", options.seed.to_string()));
+    all.into_iter()
+        .map(|(name, value)| (name.to_owned(), value))
+        .collect()
+}
+
+/// What the simulated robot has otherwise than the model, but for a payload.
+fn differences(different: &TruthOptions) -> Vec<(&'static str, String)> {
     let motion = match different.timestep {
         Some(step) => format!("in motion, time steps of at most {step} s"),
         None => "at rest".to_owned(),
     };
-    [
-        ("Path", args.path.clone()),
-        (
-            "Time between commands",
-            format!("{} s", args.options.period),
-        ),
-        ("Unknown payload", format!("{} kg", different.payload)),
-        ("Friction", format!("{}", different.friction)),
-        ("Backlash", format!("{}", different.backlash)),
-        ("Error of spools", format!("{}", different.gain_error)),
+    let mut all = vec![
+        ("Friction", different.friction.to_string()),
+        ("Backlash", different.backlash.to_string()),
+        ("Error of spools", different.gain_error.to_string()),
         ("Delay", format!("{} s", different.delay)),
-        ("Noise of the tip", format!("{} m", different.noise)),
-        (
-            "Noise of tensions",
-            format!("{} N", different.tension_noise),
-        ),
-        ("Simulated", motion),
-        ("Seed", format!("{}", args.options.seed)),
-    ]
-    .map(|(name, value)| (name.to_owned(), value))
-    .to_vec()
+        ("Seen", different.noise.to_string()),
+    ];
+    if let Some(noise) = different.tension_noise {
+        all.push(("Noise of tensions", format!("{noise} N")));
+    }
+    all.push(("Simulated", motion));
+    all
 }

@@ -1,24 +1,35 @@
-//! A tip led along a path by a controller, on a simulated robot that differs from the controller's model; the open loop beside it.
+//! A tip led along a path by a controller: on a simulated robot that differs from the controller's model, the open loop beside it, or on a
+//! rig.
 
+mod log;
 mod options;
 mod results;
+mod rig;
+mod steer;
 
+pub use log::write_log;
 pub use options::{
-    ControllerName, TrackOptions, TruthOptions, closed_path, curve_named, path_of_rows,
+    ControllerName, Sight, TrackOptions, TruthOptions, closed_path, curve_named, path_of_rows,
 };
+pub use rig::{RigLimitsError, RigPlant};
+pub use steer::{SteerError, TipSteer};
 pub use results::{EstimatedJson, IncidentJson, TrackSummary, headline, page, table};
+
+use std::ops::ControlFlow;
 
 use nalgebra::Vector3;
 use tdcr_control::belief::BeliefError;
 use tdcr_control::controller::{Inverse, LimitsError};
 use tdcr_control::estimator::EstimatorSettings;
 use tdcr_control::lag::Delay;
-use tdcr_control::plant::{Plant, SimulatedPlant, Truth, TruthError};
+use tdcr_control::plant::{Plant, PlantError, SimulatedPlant, Truth, TruthError};
 use tdcr_control::tip_path::{TipPath, TipPathError};
 use tdcr_control::tracking::{Tracking, TrackingError, TrackingRow, TrackingSettings, track};
 use tdcr_control::watch::WatchSettings;
+use tdcr_hw::capture::CaptureError;
+use tdcr_hw::rig::Rig;
 use tdcr_sim::inverse::shape::{Outcome, Search, ShapeControlError, ShapeController, Target};
-use tdcr_sim::robot::{Command, LoadsError, Robot};
+use tdcr_sim::robot::{Command, Loads, LoadsError, Robot};
 use thiserror::Error;
 
 /// Longest delay that is looked for (periods).
@@ -71,6 +82,23 @@ pub enum TrackError {
     /// The run failed.
     #[error(transparent)]
     Run(Box<TrackingError>),
+    /// A rig that sees nothing.
+    #[error("rig `{0}` has no cameras; expected some, as the robot's clouds are what is measured, or a controller that measures nothing")]
+    NoCameras(String),
+    /// A load of a robot on the desk, where only people hang masses.
+    #[error("a payload of {mass} kg is given, and rig `{rig}` is not simulated; expected 0")]
+    Payload {
+        /// Name of the rig.
+        rig: String,
+        /// The mass (kg).
+        mass: f64,
+    },
+    /// What is asked of a rig is not within its limits.
+    #[error(transparent)]
+    RigLimits(Box<RigLimitsError>),
+    /// The rig stopped, and released the tension.
+    #[error(transparent)]
+    Rig(Box<CaptureError>),
 }
 
 /// The large ones lie in boxes: a result that fails is no larger than one that does not.
@@ -83,7 +111,26 @@ macro_rules! boxed {
         }
     )*};
 }
-boxed!(Search: ShapeControlError, Truth: TruthError, Model: BeliefError, Run: TrackingError);
+boxed!(
+    Search: ShapeControlError,
+    Truth: TruthError,
+    Model: BeliefError,
+    RigLimits: RigLimitsError,
+    Rig: CaptureError
+);
+
+/// What stopped a rig is said as such.
+impl From<TrackingError> for TrackError {
+    fn from(error: TrackingError) -> Self {
+        match error {
+            TrackingError::Plant(PlantError::Other(other)) => match other.downcast() {
+                Ok(stopped) => Self::Rig(stopped),
+                Err(other) => Self::Run(Box::new(PlantError::Other(other).into())),
+            },
+            error => Self::Run(Box::new(error)),
+        }
+    }
+}
 
 /// A run along a path, and the open loop on the same robot.
 #[derive(Clone, Debug)]
@@ -94,8 +141,10 @@ pub struct Tracked {
     pub open_loop: Option<Tracking>,
     /// Time between commands (s).
     pub period: f64,
-    /// Mass that the robot bears in truth, and the controller does not know of (kg).
+    /// Mass that the robot bears in truth, and the controller does not know of (kg); NaN where nobody knows.
     pub payload: f64,
+    /// Periods that took longer than they were to.
+    pub late: usize,
 }
 
 /// Distance (m) from the path's first point within which the search for a first command ends.
@@ -114,15 +163,15 @@ pub fn track_simulated(
     each: &mut dyn FnMut(&TrackingRow) -> bool,
 ) -> Result<Tracked, TrackError> {
     let start = first_command(robot, path, options.seed)?;
-    let mut plant = SimulatedPlant::new(truth, options.period, &start, options.seed)?;
+    let mut plant = SimulatedPlant::new(truth, options.period(), &start, options.seed)?;
     let run = track_plant(&mut plant, robot, &start, path, options, each)?;
     let open_loop = match options.controller {
         ControllerName::Inverse => None,
         _ => {
-            let mut settings = settings(robot, options, options.period)?;
+            let mut settings = settings(robot, options, options.period())?;
             // Nothing steers an open loop: that it is far off is what is asked.
             settings.watch.error = f64::INFINITY;
-            let mut plant = SimulatedPlant::new(truth, options.period, &start, options.seed)?;
+            let mut plant = SimulatedPlant::new(truth, options.period(), &start, options.seed)?;
             let mut inverse = Inverse::default();
             Some(track(
                 &mut plant,
@@ -138,8 +187,77 @@ pub fn track_simulated(
     Ok(Tracked {
         run,
         open_loop,
-        period: options.period,
+        period: options.period(),
         payload: truth.loads.tip_payload().mass,
+        late: 0,
+    })
+}
+
+/// Leads the tip of a rig's robot along `path`, seen by its cameras. Its motors are on meanwhile; however this ends, the tension is
+/// released. `payload` (kg) is hung from a simulated rig's robot, and nobody tells the controller. `goes_on` is asked again and again
+/// whether to go on, and `each` sees every period.
+///
+/// # Errors
+/// [`TrackError`].
+pub fn track_rig(
+    rig: &mut Rig,
+    path: &TipPath,
+    payload: f64,
+    options: &TrackOptions,
+    goes_on: &dyn Fn() -> bool,
+    each: &mut dyn FnMut(&TrackingRow),
+) -> Result<Tracked, TrackError> {
+    if rig.cameras().is_empty() && options.controller.make().is_closed_loop() {
+        return Err(TrackError::NoCameras(rig.spec().name.clone()));
+    }
+    let robot = rig.robot().clone();
+    // That the path begins within reach is known before anything moves.
+    first_command(&robot, path, options.seed)?;
+    let (estimator, limits) = (rig::estimator(rig.spec(), &robot), rig::limits(rig, options)?);
+    match rig.simulator() {
+        Some(simulator) => simulator.set_loads(Loads::payload(payload)?)?,
+        None if payload == 0.0 => {}
+        None => {
+            return Err(TrackError::Payload {
+                rig: rig.spec().name.clone(),
+                mass: payload,
+            });
+        }
+    }
+    let is_simulated = rig.simulator().is_some();
+    let mut go_on = || match goes_on() {
+        true => ControlFlow::Continue(()),
+        false => ControlFlow::Break(()),
+    };
+    let mut plant = RigPlant::engage(rig, options, &mut go_on)?;
+    let start = robot.command(plant.commanded()).map_err(TrackingError::from)?;
+    let period = plant.period();
+    let settings = TrackingSettings {
+        estimator,
+        limits,
+        ..settings(&robot, options, period)?
+    };
+    let mut controller = options.controller.make();
+    let run = track(
+        &mut plant,
+        &robot,
+        &start,
+        path,
+        &mut *controller,
+        &settings,
+        &mut |row| {
+            each(row);
+            goes_on()
+        },
+    )?;
+    let late = plant.late();
+    plant.end()?;
+    Ok(Tracked {
+        run,
+        open_loop: None,
+        period,
+        payload: if is_simulated { payload } else { f64::NAN },
+        late,
     })
 }
 
@@ -176,7 +294,7 @@ fn settings(
     let tension = options.tension.unwrap_or([0.0, f64::INFINITY]);
     Ok(TrackingSettings {
         approach: options.approach,
-        loads: tdcr_sim::robot::Loads::default(),
+        loads: Loads::default(),
         estimator: EstimatorSettings::for_robot(robot),
         delay: Delay::Estimated {
             most: LONGEST_DELAY,
@@ -196,7 +314,7 @@ pub fn first_command(robot: &Robot, path: &TipPath, seed: u64) -> Result<Command
         seed,
         ..Search::default()
     };
-    let controller = ShapeController::new(robot, &tdcr_sim::robot::Loads::default(), search)?;
+    let controller = ShapeController::new(robot, &Loads::default(), search)?;
     let start: Vector3<f64> = path.at(0.0);
     let found = controller.reach(&[Target::tip(robot, start)])?;
     match found.outcome {

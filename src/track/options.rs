@@ -1,5 +1,6 @@
 //! What a run along a path is asked for, on the command line and in Python alike.
 
+use std::fmt;
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
@@ -7,7 +8,7 @@ use nalgebra::{Isometry3, Translation3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_control::controller::{Controller, Inverse, Predictive, ResolvedRate};
-use tdcr_control::plant::{Truth, TruthError};
+use tdcr_control::plant::{CloudSensor, Truth, TruthError};
 use tdcr_control::tip_path::{Shape, TipPath, TipPathError};
 use tdcr_learn::options::cli::positive;
 use tdcr_sim::chain::Configuration;
@@ -20,6 +21,8 @@ use super::TrackError;
 
 /// Largest coefficient of friction of tendons in their holes.
 const FRICTION: f64 = 2.0;
+/// Time between commands of a simulated robot where nothing else is asked for (s).
+const PERIOD: f64 = 0.05;
 
 /// How a path is tracked.
 #[derive(Clone, Debug, Args)]
@@ -27,9 +30,9 @@ pub struct TrackOptions {
     /// How commands are chosen
     #[arg(long, value_enum, default_value_t = ControllerName::ResolvedRate)]
     pub controller: ControllerName,
-    /// Time between commands (s)
-    #[arg(long, default_value_t = 0.05, value_name = "S", value_parser = positive)]
-    pub period: f64,
+    /// Time between commands (s) [default: 0.05; of a rig 0.1, and the nearest multiple of its motion.period]
+    #[arg(long, value_name = "S", value_parser = positive)]
+    pub period: Option<f64>,
     /// Time before the path in which the tip is led to its first point (s); errors count from the path's start
     #[arg(long, default_value_t = 4.0, value_name = "S", value_parser = not_negative)]
     pub approach: f64,
@@ -48,12 +51,19 @@ impl Default for TrackOptions {
     fn default() -> Self {
         Self {
             controller: ControllerName::ResolvedRate,
-            period: 0.05,
+            period: None,
             approach: 4.0,
             rate: None,
             tension: None,
             seed: 0,
         }
+    }
+}
+
+impl TrackOptions {
+    /// Time between commands of a simulated robot (s).
+    pub fn period(&self) -> f64 {
+        self.period.unwrap_or(PERIOD)
     }
 }
 
@@ -91,6 +101,43 @@ impl ControllerName {
     }
 }
 
+/// How a simulated robot is seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Sight {
+    /// Its tip, with noise of this standard deviation in each coordinate (m).
+    Tip(f64),
+    /// Clouds of the cameras of its file, which are RealSense D435s.
+    D435,
+}
+
+impl Default for Sight {
+    fn default() -> Self {
+        Self::Tip(0.0)
+    }
+}
+
+impl fmt::Display for Sight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tip(noise) => write!(f, "the tip, noise {noise} m"),
+            Self::D435 => f.write_str("clouds of D435 cameras"),
+        }
+    }
+}
+
+impl FromStr for Sight {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.trim() {
+            "d435" => Ok(Self::D435),
+            other => not_negative(other)
+                .map(Self::Tip)
+                .map_err(|error| format!("{error}, nor d435")),
+        }
+    }
+}
+
 /// What the simulated robot has otherwise than the controller's model.
 #[derive(Clone, Debug, Default, Args)]
 pub struct TruthOptions {
@@ -110,12 +157,13 @@ pub struct TruthOptions {
     /// Time from a command to when the tendons get it (s), to the nearest period
     #[arg(long, default_value_t = 0.0, value_name = "S", value_parser = not_negative)]
     pub delay: f64,
-    /// Noise of the tip's measured coordinates: standard deviation (m)
-    #[arg(long, default_value_t = 0.0, value_name = "M", value_parser = not_negative)]
-    pub noise: f64,
-    /// Noise of measured tensions: standard deviation (N)
-    #[arg(long, default_value_t = 0.0, value_name = "N", value_parser = not_negative)]
-    pub tension_noise: f64,
+    /// How the robot is seen: its tip, with noise of this standard deviation in each coordinate (m), or `d435`: only clouds of the cameras
+    /// of its file, which are D435s
+    #[arg(long, default_value = "0", value_name = "M|d435")]
+    pub noise: Sight,
+    /// Noise of measured tensions: standard deviation (N) [default: 0; beside d435 they are not measured]
+    #[arg(long, value_name = "N", value_parser = not_negative)]
+    pub tension_noise: Option<f64>,
     /// Simulate motion, by time steps of at most this (s), in place of a robot that is always at rest
     #[arg(long, value_name = "S", value_parser = positive)]
     pub timestep: Option<f64>,
@@ -177,9 +225,18 @@ impl TruthOptions {
                 }
             })
             .collect();
-        truth.delay = (self.delay / options.period).round() as usize;
-        truth.sensors.position = self.noise;
-        truth.sensors.tension = Some(self.tension_noise);
+        truth.delay = (self.delay / options.period()).round() as usize;
+        match self.noise {
+            Sight::Tip(noise) => {
+                truth.sensors.position = noise;
+                truth.sensors.tension = Some(self.tension_noise.unwrap_or(0.0));
+            }
+            Sight::D435 => {
+                truth.sensors.markers.clear();
+                truth.sensors.cloud = Some(CloudSensor::d435());
+                truth.sensors.tension = self.tension_noise;
+            }
+        }
         Ok(truth)
     }
 }

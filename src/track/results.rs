@@ -8,7 +8,7 @@ use tdcr_control::belief::Unknown;
 use tdcr_control::tracking::{Tracking, TrackingRow};
 use tdcr_sim::robot::{Robot, TendonGroup};
 
-use super::Tracked;
+use super::{ControllerName, Tracked};
 use crate::report::{
     Aspect, Figure, Ink, Mark, Panel, Scale, Shape, StudyFigure, StudyPage, counted,
 };
@@ -30,12 +30,14 @@ pub struct TrackSummary {
     pub rms_error_percent: Option<f64>,
     /// The largest distance (m).
     pub largest_error: Option<f64>,
-    /// Root mean square distance in open loop through the model, on the same robot (m).
+    /// Root mean square distance in open loop through the model, on the same robot (m); `None` where that was not run.
     pub rms_error_open_loop: Option<f64>,
     /// What is known of what the model does not have, at the end.
     pub estimated: Vec<EstimatedJson>,
     /// Periods from a command to when the tendons get it, as told from the tip.
     pub delay_periods: usize,
+    /// Periods of a rig that took longer than they were to.
+    pub late_periods: usize,
     /// What the measurements did not tell.
     pub untold: Vec<String>,
     /// What went wrong.
@@ -80,7 +82,8 @@ impl TrackSummary {
             largest_error: run.largest_error(),
             rms_error_open_loop: match &tracked.open_loop {
                 Some(open_loop) => open_loop.rms_error(),
-                None => rms_error,
+                None if run.controller == ControllerName::Inverse.name() => rms_error,
+                None => None,
             },
             estimated: (estimated.iter())
                 .map(|estimated| EstimatedJson {
@@ -90,6 +93,7 @@ impl TrackSummary {
                 })
                 .collect(),
             delay_periods: run.rows.last().map_or(0, |row| row.delay),
+            late_periods: tracked.late,
             untold: run.untold.clone(),
             incidents: (run.incidents.iter())
                 .map(|incident| IncidentJson {
@@ -197,12 +201,17 @@ pub fn headline(summary: &TrackSummary) -> String {
         None => "not known".to_owned(),
     };
     let mut text = format!(
-        "RMS error of the tip over {}: {} ({:.3} % of the length); in open loop {}.",
+        "RMS error of the tip over {}: {} ({:.3} % of the length)",
         counted(summary.periods, "period"),
         millimetres(summary.rms_error),
         summary.rms_error_percent.unwrap_or(f64::NAN),
-        millimetres(summary.rms_error_open_loop)
     );
+    match summary.rms_error_open_loop {
+        Some(error) => {
+            let _ = write!(text, "; in open loop {}.", millimetres(Some(error)));
+        }
+        None => text.push('.'),
+    }
     if let Some(stopped) = &summary.stopped {
         let _ = write!(text, " The run was stopped: {stopped}.");
     }
@@ -370,6 +379,17 @@ fn payload_figure(tracked: &Tracked) -> Option<Figure> {
         shape: Shape::Dashes,
         ..line(name, ink, points)
     };
+    let mut marks = vec![
+        dashes("", Ink::Vermilion, at(-1.0)),
+        dashes("", Ink::Vermilion, at(1.0)),
+        line("estimated", Ink::Vermilion, at(0.0)),
+    ];
+    if truth.is_finite() {
+        marks.insert(
+            0,
+            line("in truth", Ink::Black, vec![[first, truth], [last, truth]]),
+        );
+    }
     Some(Figure {
         title: "Estimated payload".to_owned(),
         caption: "Dashed: two standard deviations of the estimate.".to_owned(),
@@ -378,12 +398,7 @@ fn payload_figure(tracked: &Tracked) -> Option<Figure> {
             Scale::linear(TIME),
             Scale::linear("payload (g)"),
             Aspect::Free,
-            vec![
-                line("in truth", Ink::Black, vec![[first, truth], [last, truth]]),
-                dashes("", Ink::Vermilion, at(-1.0)),
-                dashes("", Ink::Vermilion, at(1.0)),
-                line("estimated", Ink::Vermilion, at(0.0)),
-            ],
+            marks,
         )],
     })
 }

@@ -194,6 +194,19 @@ fn is_released(arguments: &[&str], sign: &Sign, signals: &[&str]) {
 }
 
 const JOG: [&str; 5] = ["jog", "--rig", "RIG", "--out", "OUT"];
+const TRACK: [&str; 11] = [
+    "track",
+    "--rig",
+    "RIG",
+    "--out",
+    "OUT",
+    "--path",
+    "circle",
+    "--controller",
+    "inverse",
+    "--duration",
+    "300",
+];
 const CAPTURE: [&str; 7] = [
     "capture",
     "--rig",
@@ -235,6 +248,19 @@ fn jog_lets_go_at_every_signal() {
         &["-TTOU"],
     ] {
         is_released(&JOG, &Sign::Log("out/log.mcap"), signals);
+    }
+}
+
+#[test]
+fn tracking_lets_go_at_every_signal() {
+    for signals in [
+        &["-INT"][..],
+        &["-TERM"],
+        &["-HUP"],
+        &["-TSTP"],
+        &["-INT", "-INT"],
+    ] {
+        is_released(&TRACK, &Sign::Log("out/log.mcap"), signals);
     }
 }
 

@@ -4,6 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 
+use super::capture::small_rig;
 use super::{refuse, succeed, succeed_json, text};
 
 /// Hung by its base, so that 20 g straighten it.
@@ -88,6 +89,43 @@ fn the_run_is_a_table_and_a_page() {
 }
 
 #[test]
+fn a_circle_is_tracked_on_a_rig_seen_by_its_cameras_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let out = folder.path().join("run");
+    let track = ["track", "--rig", text(&rig), "--path", "circle", "--duration", "5"];
+    let options = ["--payload", "0.02", "--out", text(&out)];
+    let found = succeed_json(&[&track[..], &options].concat());
+    assert_eq!(found["stopped"], Value::Null, "{found}");
+    assert_eq!(found["rms_error_open_loop"], Value::Null);
+    assert_eq!((&found["periods"], &found["late_periods"]), (&51.into(), &0.into()));
+    // Two cameras of 160 by 120 pixels; with the four of the example's it is a third of this.
+    assert!(number(&found, "rms_error_percent") < 4.0, "{found}");
+    let table = fs::read_to_string(out.join("run.csv")).unwrap();
+    assert_eq!(table.lines().count(), 92);
+    for log in ["log.mcap", "run.mcap"] {
+        let log = out.join(log);
+        let logged = succeed_json(&["log", "info", text(&log)]);
+        assert_eq!(logged["whole"], true, "{logged}");
+    }
+}
+
+#[test]
+fn a_robot_that_is_not_seen_ends_the_run_after_a_while() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let whole = fs::read_to_string(&rig).unwrap();
+    let nowhere = whole.replace("low = [-0.20, -0.20, 0.16]", "low = [0.18, 0.18, 0.44]");
+    assert_ne!(whole, nowhere);
+    fs::write(&rig, nowhere).unwrap();
+    // Nothing of the robot passes the masks: the tip is waited for, and then the run ends at home.
+    let track = ["track", "--rig", text(&rig), "--path", "circle", "--duration", "9"];
+    let found = succeed_json(&track);
+    let stopped = found["stopped"].as_str().unwrap();
+    assert!(stopped.contains("the tip is not seen"), "{found}");
+}
+
+#[test]
 fn a_path_in_time_is_read_from_a_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("path.csv");
@@ -131,9 +169,19 @@ fn what_is_wrong_is_said() {
     );
     refuse(
         &with(&["--rig", "examples/rig-sim.toml"]),
-        1,
-        "on simulated robots only",
+        2,
+        "cannot be used with",
     );
+    let rig = ["track", "--rig", "examples/rig-sim.toml", "--path", "circle"];
+    for (option, value) in [("--friction", "0.1"), ("--noise", "d435"), ("--scene", "x.toml")] {
+        refuse(&[&rig[..], &[option, value]].concat(), 2, "cannot be used with");
+    }
+    refuse(
+        &[&rig[..], &["--rate", "0.5"]].concat(),
+        1,
+        "the rate is 0.5 m/s; expected at most 0.02, the rig's motion.slew",
+    );
+    refuse(&with(&["--noise", "d415"]), 2, "nor d435");
     refuse(
         &with(&["--truth", "3m"]),
         1,

@@ -28,7 +28,7 @@ impl Controller for Inverse {
     }
 
     fn propose(&mut self, moment: &mut Moment<'_>) -> Result<Vec<f64>, ControlError> {
-        let preferred = &moment.limits.middle();
+        let preferred = &moment.limits.preferred;
         let target = (moment.target)(moment.lead);
         reach(moment, target, preferred, self.weights)
     }

@@ -101,7 +101,7 @@ impl Controller for Predictive {
     fn propose(&mut self, moment: &mut Moment<'_>) -> Result<Vec<f64>, ControlError> {
         let model_tip = moment.estimated.tip(moment.acting)?;
         self.observe(moment.tip, model_tip, moment.period);
-        let preferred = moment.limits.middle();
+        let preferred = &moment.limits.preferred;
         let [offset, rate] = self.offset.unwrap_or_default();
         let mut plan = self.moved_on(moment.command);
         for _ in 0..self.settings.programs.max(1) {
@@ -122,7 +122,7 @@ impl Controller for Predictive {
             let program = Horizon {
                 stages: &stages,
                 plan: &plan,
-                preferred: &preferred,
+                preferred,
                 widths: &widths(moment),
                 length: length(moment.estimated),
                 weights: self.settings.weights,

@@ -46,7 +46,7 @@ impl Controller for ResolvedRate {
     }
 
     fn propose(&mut self, moment: &mut Moment<'_>) -> Result<Vec<f64>, ControlError> {
-        let preferred = &moment.limits.middle();
+        let preferred = &moment.limits.preferred;
         let period = moment.period;
         let acting = moment.acting;
         // Where the tip will be once it follows all commands that are on their way.

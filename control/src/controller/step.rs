@@ -19,6 +19,8 @@ pub struct Limits {
     /// Smallest and largest tension of any tendon (N). Where a tendon is beyond, commands lead back or keep it there; what a disturbance
     /// does to it between commands is not foreseen.
     pub tension: [f64; 2],
+    /// The command that is preferred among those that do the same (m or N).
+    pub preferred: Vec<f64>,
 }
 
 /// Why limits make no sense.
@@ -47,7 +49,7 @@ pub enum LimitsError {
 const RATE: f64 = 0.5;
 
 impl Limits {
-    /// The ranges of a robot's tendons. `rate` is the largest change of a command in a second (m/s or N/s; half a tendon's range where
+    /// The ranges of a robot's tendons, whose middle is preferred. `rate` is the largest change of a command in a second (m/s or N/s; half a tendon's range where
     /// it is `None`), `tension` the smallest and largest tension (N).
     ///
     /// # Errors
@@ -77,6 +79,9 @@ impl Limits {
                 .map(|tendon| period * rate(tendon.range))
                 .collect(),
             tension,
+            preferred: (tendons.iter())
+                .map(|tendon| (tendon.range[0] + tendon.range[1]) / 2.0)
+                .collect(),
         })
     }
 
@@ -100,13 +105,6 @@ impl Limits {
             false => command[t],
         };
         proposed.into_iter().enumerate().map(admit).collect()
-    }
-
-    /// The middle of each tendon's range (m or N): the command that is preferred among those that do the same.
-    pub fn middle(&self) -> Vec<f64> {
-        (self.low.iter().zip(&self.high))
-            .map(|(low, high)| (low + high) / 2.0)
-            .collect()
     }
 
     /// Width of a tendon's range (m or N).

@@ -1,7 +1,9 @@
 //! What a controller needs of a robot.
 
+mod cloud;
 mod simulated;
 
+pub use cloud::{CloudSensor, thinned};
 pub use simulated::{Sensors, SimulatedPlant, Truth, TruthError};
 
 use nalgebra::Vector3;
@@ -43,6 +45,8 @@ pub trait Plant {
 pub struct Measurement {
     /// Points fixed to discs that were seen, and where (m, world frame).
     pub sightings: Vec<Sighting>,
+    /// Points of the robot's surface that were seen (m, world frame).
+    pub cloud: Option<Vec<Vector3<f64>>>,
     /// Tension of each tendon at its servo (N).
     pub tensions: Option<Vec<f64>>,
     /// Length of each tendon (m).
@@ -76,9 +80,18 @@ impl Measurement {
         let all = |values: &Vec<f64>| values.iter().all(|x| x.is_finite());
         self.sightings
             .retain(|seen| seen.position.iter().all(|x| x.is_finite()));
+        if let Some(cloud) = &mut self.cloud {
+            cloud.retain(|point| point.iter().all(|x| x.is_finite()));
+        }
+        self.cloud = self.cloud.filter(|cloud| !cloud.is_empty());
         self.tensions = self.tensions.filter(all);
         self.lengths = self.lengths.filter(all);
         self
+    }
+
+    /// Whether it says where the robot is.
+    pub fn shows_robot(&self) -> bool {
+        !self.sightings.is_empty() || self.cloud.is_some()
     }
 
     /// Where the origin of disc `disc` was seen (m).

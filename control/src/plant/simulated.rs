@@ -7,6 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use tdcr_sim::chain::Configuration;
+use tdcr_sim::cloud::VoxelGrid;
 use tdcr_sim::contact::{ContactLaw, ContactSettler, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Stepper};
 use tdcr_sim::inverse::recording::{Marker, Servo};
@@ -19,6 +20,7 @@ use tdcr_sim::statics::Settler;
 use tdcr_sim::tendon_friction::FrictionPath;
 use thiserror::Error;
 
+use super::cloud::{CloudSensor, Cameras};
 use super::{Measurement, Plant, PlantError, Sighting};
 
 /// What a simulated robot is in truth.
@@ -51,6 +53,8 @@ pub struct Sensors {
     pub tension: Option<f64>,
     /// Noise of a length (m); `None` where lengths are not measured.
     pub length: Option<f64>,
+    /// The cameras of the robot's file; `None` where nobody looks at its clouds.
+    pub cloud: Option<CloudSensor>,
 }
 
 /// Why a truth is none.
@@ -131,6 +135,7 @@ impl Truth {
                 position: 0.0,
                 tension: Some(0.0),
                 length: None,
+                cloud: None,
             },
         }
     }
@@ -164,6 +169,9 @@ impl Truth {
         at_least("noise of positions (m)", sensors.position, 0.0)?;
         at_least("noise of tensions (N)", sensors.tension.unwrap_or(0.0), 0.0)?;
         at_least("noise of lengths (m)", sensors.length.unwrap_or(0.0), 0.0)?;
+        if let Some(cloud) = &sensors.cloud {
+            at_least("edge of voxels (m)", cloud.voxel_size, VoxelGrid::SIZES[0])?;
+        }
         let discs = robot.discs().len();
         match sensors.markers.iter().find(|marker| marker.disc >= discs) {
             Some(&Marker { disc, .. }) => Err(TruthError::Marker { disc, discs }),
@@ -196,6 +204,7 @@ pub struct SimulatedPlant {
     queue: VecDeque<Vec<f64>>,
     loads: Loads,
     sensors: Sensors,
+    cameras: Option<Cameras>,
     period: f64,
     seed: u64,
     /// Periods since the start.
@@ -235,6 +244,8 @@ impl SimulatedPlant {
             straight,
             queue: vec![start.as_slice().to_vec(); truth.delay].into(),
             loads: truth.loads.clone(),
+            cameras: (truth.sensors.cloud)
+                .map(|sensor| Cameras::new(&robot, &truth.scene, sensor)),
             sensors: truth.sensors.clone(),
             period,
             seed,
@@ -354,8 +365,11 @@ impl Plant for SimulatedPlant {
             let deviation = deviation?;
             Some(values.iter().map(|&x| noisy(x, deviation)).collect())
         };
+        let (seed, index) = (self.seed, self.periods);
+        let cameras = self.cameras.as_mut();
         Ok(Measurement {
             sightings,
+            cloud: cameras.map(|cameras| cameras.see(pose, seed, index)),
             tensions: all(pose.tendon_tensions, self.sensors.tension),
             lengths: all(pose.tendon_lengths, self.sensors.length),
         })

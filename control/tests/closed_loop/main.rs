@@ -1,6 +1,8 @@
 //! Plants, estimation and control, from outside.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod bad_days;
+mod clouds;
 mod estimation;
 mod paths;
 mod plants;

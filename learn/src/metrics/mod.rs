@@ -28,7 +28,7 @@ pub use color::{Colored, color_error};
 pub use emd::{Emd, emd, emd_squared, emd_with};
 pub use ground_cost::GroundCost;
 pub(crate) use matcher::Matcher;
-pub use nearest::nearest_distances;
+pub use nearest::{nearest_distances, nearest_indices};
 pub(crate) use nearest::nearest_points;
 pub use rank::rank_correlation;
 pub use register::{lay_onto, rigid_motion};

@@ -19,6 +19,15 @@ pub fn nearest_distances(p: &[[f32; 3]], q: &[[f32; 3]]) -> Result<Vec<f64>, Met
     Ok(distances.collect())
 }
 
+/// For each point of `p` (m), the index of the point of `q` (m) nearest to it; of points equally far, any.
+///
+/// # Errors
+/// An empty cloud, or a coordinate that is not finite.
+pub fn nearest_indices(p: &[[f32; 3]], q: &[[f32; 3]]) -> Result<Vec<usize>, MetricError> {
+    let nearest = nearest_points::<1>(p, q)?;
+    Ok(nearest.into_iter().map(|[index]| index).collect())
+}
+
 /// For each point of `p` (m), the indices of the `K` points of `q` (m) nearest to it, the nearest first; of points equally far, any.
 ///
 /// # Errors

@@ -88,7 +88,26 @@ impl Reduction {
     /// [`DataError::ConditionLength`] unless there is one value per motor of `units`.
     pub fn reduce(&self, values: &[f64], units: &Normalisation) -> Result<Reduced<'_>, DataError> {
         units.condition(values)?;
-        let (symmetry, values) = self.symmetries.canonical(values);
+        let (symmetry, _) = self.symmetries.canonical(values);
+        self.reduce_by(symmetry, values, units)
+    }
+
+    /// The same by a symmetry that is given, one of [`symmetries`](Self::symmetries): that of a condition near by, so that both come to
+    /// one class, and their clouds to be alike point by point.
+    ///
+    /// # Errors
+    /// As [`reduce`](Self::reduce).
+    pub fn reduce_by<'a>(
+        &'a self,
+        symmetry: &'a Symmetry,
+        values: &[f64],
+        units: &Normalisation,
+    ) -> Result<Reduced<'a>, DataError> {
+        units.condition(values)?;
+        let values = match self.symmetries.is_trivial() {
+            true => values.to_vec(),
+            false => symmetry.command(values),
+        };
         let mut condition = units.condition(&values)?;
         let first = condition.len();
         condition.resize(first + self.view_numbers(), 0.0);

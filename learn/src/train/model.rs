@@ -15,7 +15,7 @@ use crate::flow::{Reach, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
 use crate::predict::{PredictError, Prediction, select};
 use crate::prior::{Prior, SurfaceError, SurfacePrior, start_from};
-use crate::symmetry::Reduction;
+use crate::symmetry::{Reduced, Reduction};
 
 /// What a network was trained on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -98,8 +98,52 @@ impl Model {
             reduction,
             ..
         } = &self.provenance;
-        // The network knows one representative of each class of commands: its cloud is moved back.
         let reduced = reduction.reduce(command, normalisation)?;
+        self.predict_reduced(command, &reduced, points, seed, sampler)
+    }
+
+    /// Clouds for several commands near one another, as by [`predict`](Self::predict), which are alike point by point: all start from the
+    /// same noise, and are reduced by the symmetry of the first command. Their differences are those of the robot's surface.
+    ///
+    /// # Errors
+    /// As [`predict`](Self::predict).
+    pub fn predict_alike(
+        &self,
+        commands: &[Vec<f64>],
+        points: usize,
+        seed: u64,
+        sampler: &Sampler,
+    ) -> Result<Vec<Prediction>, PredictError> {
+        let Some(first) = commands.first() else {
+            return Ok(Vec::new());
+        };
+        let Provenance {
+            normalisation,
+            reduction,
+            ..
+        } = &self.provenance;
+        let symmetry = reduction.reduce(first, normalisation)?.symmetry;
+        let predict = |command: &Vec<f64>| {
+            let reduced = reduction.reduce_by(symmetry, command, normalisation)?;
+            self.predict_reduced(command, &reduced, points, seed, sampler)
+        };
+        commands.iter().map(predict).collect()
+    }
+
+    fn predict_reduced(
+        &self,
+        command: &[f64],
+        reduced: &Reduced<'_>,
+        points: usize,
+        seed: u64,
+        sampler: &Sampler,
+    ) -> Result<Prediction, PredictError> {
+        let Provenance {
+            normalisation,
+            reduction,
+            ..
+        } = &self.provenance;
+        // The network knows one representative of each class of commands: its cloud is moved back.
         if let Some(index) = command.iter().position(|value| !value.is_finite()) {
             return Err(PredictError::NotFinite {
                 index,

@@ -14,6 +14,7 @@ import pytest
 import tdcr
 from tdcr.errors import InputError
 
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 HANGING = tdcr.Robot({**tdcr.Robot("2m").to_dict(), "gravity": [0.0, 0.0, 9.81]})
 
 
@@ -96,3 +97,36 @@ def test_rows_are_a_path_in_time() -> None:
     np.testing.assert_allclose(run.targets[-1], rows[1][1:], atol=1e-12)
     with pytest.raises(InputError, match="times that ascend"):
         tdcr.track(HANGING, [rows[1], rows[0]])
+
+
+def test_clouds_of_cameras_and_of_a_plant_of_ones_own_lead_the_tip(tmp_path: Path) -> None:
+    run = tdcr.track(HANGING, "circle", duration=1.0, approach=1.0, payload=0.01, noise="d435")
+    assert run.summary["stopped"] is None
+    assert run.summary["rms_error_percent"] < 1.5
+    assert np.isnan(run.tensions).all()
+
+    class Seen(Settling):
+        def measure(self) -> dict[str, Any]:
+            if self.now is None:
+                return {}
+            return {"cloud": tdcr.cloud(HANGING, self.now).points[::40].astype(float)}
+
+    run = tdcr.track(HANGING, "circle", plant=Seen(), duration=0.5, approach=0.5)
+    assert run.summary["stopped"] is None
+    assert run.summary["rms_error_percent"] < 1.5
+    with pytest.raises(InputError, match="noise: "):
+        tdcr.track(HANGING, "circle", noise="d415")
+    with pytest.raises(InputError, match="noise: these are of simulated robots"):
+        tdcr.track(HANGING, "circle", plant=Settling(), noise="d435")
+
+
+def test_a_rig_is_led_along_a_circle_as_on_the_command_line() -> None:
+    with tdcr.Rig(EXAMPLES / "rig-sim.toml") as rig:
+        run = tdcr.track(rig.robot, "circle", plant=rig, duration=2.0, approach=3.0, payload=0.02)
+        assert not rig.engaged
+        with pytest.raises(InputError, match="truth, start: these are of simulated robots"):
+            tdcr.track(rig.robot, "circle", plant=rig, truth="2m", start=rig.robot.mean_command)
+    assert run.summary["stopped"] is None
+    assert run.summary["rms_error_percent"] < 1.5
+    assert run.summary["rms_error_open_loop"] is None
+    assert run.open_loop is None

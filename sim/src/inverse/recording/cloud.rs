@@ -31,8 +31,8 @@ impl Shown {
     }
 }
 
-/// The surface of a settled robot.
-pub(super) struct Surface {
+/// The surface of a settled robot, as cameras see it.
+pub struct Surface {
     pieces: Vec<Piece>,
 }
 
@@ -47,15 +47,15 @@ struct Piece {
 
 /// The place on a surface that is nearest to a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Touch {
+pub struct Touch {
     /// The body that carries the place: a disc, or none for the base.
-    body: Option<usize>,
+    pub body: Option<usize>,
     /// The place in the body's frame (m).
-    in_body: Vector3<f64>,
+    pub in_body: Vector3<f64>,
     /// The place in the world (m).
     pub place: Vector3<f64>,
     /// Outward normal, world frame.
-    normal: Vector3<f64>,
+    pub normal: Vector3<f64>,
     /// Distance of the point (m), below 0 inside.
     pub distance: f64,
 }
@@ -65,6 +65,7 @@ fn disc_pose(settled: &Equilibrium, disc: usize) -> Isometry3<f64> {
 }
 
 impl Surface {
+    /// The discs of `robot` where it has `settled`, and what else is `shown`.
     pub fn new(robot: &Robot, shown: &Shown, settled: &Equilibrium) -> Self {
         let piece = |body: Option<usize>, shape: Shape, pose: Isometry3<f64>| Piece {
             reach: shape.middle().norm() + shape.extents(&Matrix3::identity()).norm(),
@@ -87,7 +88,7 @@ impl Surface {
         Self { pieces }
     }
 
-    /// The places nearest to points (m, world frame).
+    /// The places nearest to `points` (m, world frame), one for each, of the robot and the equilibrium that the surface was made of.
     pub fn touches(
         &self,
         robot: &Robot,

@@ -42,7 +42,7 @@ mod tests;
 mod transmission;
 mod unknowns;
 
-pub use cloud::Shown;
+pub use cloud::{Shown, Surface, Touch};
 pub use error::RecordingError;
 pub use fit::{Progress, RecordingFit, RecordingSettings, fit_recording};
 pub use frame::{FoundFrame, find_frame};

@@ -8,7 +8,10 @@
 //! noise explain (its normalised square is `s` times what chi squared hardly exceeds: friction, say, which the model does not have), its variance counts
 //! `s`-fold, so that what the model lacks is not made up for by loads that are not there.
 
+mod cloud;
+
 use nalgebra::{Cholesky, DMatrix, DVector};
+use tdcr_sim::inverse::recording::Shown;
 use tdcr_sim::robot::{CommandUnit, Loads, Robot};
 
 use crate::belief::{Belief, BeliefError, Unknown};
@@ -21,6 +24,9 @@ const SURPRISING: f64 = 3.0;
 /// Gauss-Newton steps of a measurement at most, and the part of a deviation within which a step ends them.
 const STEPS: usize = 8;
 const CLOSE: f64 = 0.02;
+
+/// Pretension of a tendon that is off by no more than this in most robots (N).
+const PRETENSION: f64 = 10.0;
 
 /// What is thought of an unknown before anything is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,15 +50,24 @@ pub struct EstimatorSettings {
     pub tension: f64,
     /// Of a length (m).
     pub length: f64,
+    /// Of a cloud point's distance from the surface (m).
+    pub cloud: f64,
+    /// What of the robot clouds show besides the discs.
+    pub shown: Shown,
 }
 
 impl EstimatorSettings {
-    /// A payload and the offset of every tendon's servo, both drifting within minutes.
+    /// A payload and the offset of every tendon's servo, both drifting within minutes. Clouds show the robot without its base.
     pub fn for_robot(robot: &Robot) -> Self {
         let offset = |(t, tendon): (usize, &tdcr_sim::robot::Tendon)| {
+            let range = tendon.range[1] - tendon.range[0];
             let deviation = match tendon.unit() {
-                CommandUnit::Metre => 0.1 * (tendon.range[1] - tendon.range[0]),
-                CommandUnit::Newton => 0.05 * (tendon.range[1] - tendon.range[0]),
+                // A stiff tendon is never off by as much as a soft one: that would tear it.
+                CommandUnit::Metre if tendon.stiffness.is_finite() => {
+                    (0.1 * range).min(PRETENSION / tendon.stiffness)
+                }
+                CommandUnit::Metre => 0.1 * range,
+                CommandUnit::Newton => 0.05 * range,
             };
             Prior {
                 unknown: Unknown::Offset(t),
@@ -71,6 +86,8 @@ impl EstimatorSettings {
             position: 3e-4,
             tension: 0.2,
             length: 2e-4,
+            cloud: 2e-3,
+            shown: Shown::of(robot.spec(), false),
         }
     }
 }
@@ -288,6 +305,20 @@ impl Estimator {
             });
             let [_, slopes] = linear.marker_jacobians(&markers)?;
             all.add(off.collect(), &slopes, self.settings.position);
+        }
+        if let Some(points) = &measurement.cloud {
+            let spans = self.settings.priors.iter().map(|prior| prior.deviation);
+            let spans = DVector::from_iterator(self.settings.priors.len(), spans);
+            let (robot, settings) = (self.belief.robot(), &self.settings);
+            let told = cloud::reduce(
+                &linear,
+                robot,
+                &settings.shown,
+                points,
+                settings.cloud,
+                &spans,
+            )?;
+            all.add(told.off, &told.slopes, 1.0);
         }
         let [[_, tensions], [_, lengths]] = linear.tendon_jacobians()?;
         let here = &linear.equilibrium;

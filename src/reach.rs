@@ -1,0 +1,278 @@
+//! The command under which a trained network sees a wanted cloud: shape control of a robot that is known only from data.
+//!
+//! Predictions for commands near one another start from the same noise and are alike point by point
+//! ([`Model::predict_alike`]), so that differences of them are derivatives of the predicted points `p_i` by the command: `J_i`. Each step
+//! matches points with the nearest ones of the other cloud, both ways, as iterated closest points do (Besl and McKay, IEEE Trans.
+//! Pattern Anal. Mach. Intell. 14, 1992), and takes the damped least-squares change of the command that brings matched points
+//! together, `min Σ |J_i d - (w_j - p_i)|² + damping |d|²` within the commands of the training data and a trust region.
+
+use nalgebra::{DMatrix, DVector, Matrix3xX, Vector3};
+use tdcr_control::quadratic::QuadraticProgram;
+use tdcr_learn::flow::Sampler;
+use tdcr_learn::metrics::{MetricError, nearest_distances, nearest_indices};
+use tdcr_learn::predict::PredictError;
+use tdcr_learn::train::Model;
+use thiserror::Error;
+
+/// Change of a command for a difference, and the first trust region, in parts of the command's range.
+const DIFFERENCE: f64 = 0.01;
+const FIRST_TRUST: f64 = 0.3;
+/// Trust region below which a search has come to its end.
+const SMALLEST_TRUST: f64 = 1e-4;
+/// Damping of changes, in units of the clouds' mean square extent per range.
+const DAMPING: f64 = 1e-4;
+
+/// How a command is looked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CloudSearch {
+    /// Most steps.
+    pub steps: usize,
+    /// Points of the predicted clouds.
+    pub points: usize,
+    /// Mean distance between the clouds (m) at which the search ends.
+    pub tolerance: f64,
+    /// Seed of the noise that predictions start from.
+    pub seed: u64,
+}
+
+impl Default for CloudSearch {
+    fn default() -> Self {
+        Self {
+            steps: 20,
+            points: 1024,
+            tolerance: 0.0,
+            seed: 0,
+        }
+    }
+}
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CloudReached {
+    /// The command, and the payload (kg) where the model takes one.
+    pub condition: Vec<f64>,
+    /// Mean distance of the points of each cloud from the other, the mean of both ways (m): before the first step, and after each.
+    pub distances: Vec<f64>,
+    /// The predicted cloud (m, world frame).
+    pub cloud: Vec<[f32; 3]>,
+}
+
+impl CloudReached {
+    /// The last distance (m).
+    pub fn distance(&self) -> f64 {
+        self.distances.last().copied().unwrap_or(f64::NAN)
+    }
+}
+
+/// Why no command can be looked for.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum CloudReachError {
+    /// The wanted cloud is none.
+    #[error("the wanted cloud: {0}")]
+    Wanted(#[from] MetricError),
+    /// The condition to start from does not fit, or the network has no cloud for it.
+    #[error(transparent)]
+    Predict(#[from] PredictError),
+    /// No points to compare.
+    #[error("{0} points of predicted clouds; expected 16 or more")]
+    Points(usize),
+}
+
+/// Fewest points of a predicted cloud.
+const FEWEST: usize = 16;
+
+/// Looks for the command whose predicted cloud is nearest to the points `wanted` (m, world frame), from the condition `start`: the command,
+/// and the payload (kg) where the model takes one, which stays. `go_on` is asked before each step whether to.
+///
+/// # Errors
+/// [`CloudReachError`].
+pub fn reach_cloud(
+    model: &Model,
+    sampler: &Sampler,
+    wanted: &[[f32; 3]],
+    start: &[f64],
+    search: &CloudSearch,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Result<CloudReached, CloudReachError> {
+    if search.points < FEWEST {
+        return Err(CloudReachError::Points(search.points));
+    }
+    nearest_distances(wanted, wanted)?;
+    let descent = Descent {
+        model,
+        // Spare points are left out by how they lie, which is not the same for two clouds.
+        sampler: Sampler {
+            spare: 0.0,
+            ..*sampler
+        },
+        wanted,
+        search,
+        motors: motors(model),
+    };
+    let mut at = start.to_vec();
+    let [mut cloud] = descent.clouds(&[at.clone()])?;
+    let mut distances = vec![mean_distance(&cloud, wanted)?];
+    let mut trust = FIRST_TRUST;
+    for _ in 0..search.steps {
+        let now = distances[distances.len() - 1];
+        if now <= search.tolerance || trust < SMALLEST_TRUST || !go_on() {
+            break;
+        }
+        let change = descent.step(&at, trust)?;
+        let to: Vec<f64> = at.iter().zip(&change).map(|(a, d)| a + d).collect();
+        let [there] = descent.clouds(std::slice::from_ref(&to))?;
+        let distance = mean_distance(&there, wanted)?;
+        match distance < now {
+            true => {
+                (at, cloud) = (to, there);
+                distances.push(distance);
+                trust = (2.0 * trust).min(1.0);
+            }
+            false => {
+                distances.push(now);
+                trust /= 4.0;
+            }
+        }
+    }
+    Ok(CloudReached {
+        condition: at,
+        distances,
+        cloud,
+    })
+}
+
+/// Mean distance of the points of each cloud from the other, the mean of both ways (m).
+///
+/// # Errors
+/// An empty cloud, or a coordinate that is not finite.
+pub fn mean_distance(p: &[[f32; 3]], q: &[[f32; 3]]) -> Result<f64, MetricError> {
+    let mean = |p, q| -> Result<f64, MetricError> {
+        let distances = nearest_distances(p, q)?;
+        Ok(distances.iter().sum::<f64>() / distances.len() as f64)
+    };
+    Ok((mean(p, q)? + mean(q, p)?) / 2.0)
+}
+
+/// Numbers of a condition that are a command's: all but the payload.
+fn motors(model: &Model) -> usize {
+    let all = model.provenance.normalisation.motor_min.len();
+    let subject = model.provenance.subject.as_ref();
+    match subject.and_then(|subject| subject.payload) {
+        Some(_) => all - 1,
+        None => all,
+    }
+}
+
+struct Descent<'a> {
+    model: &'a Model,
+    sampler: Sampler,
+    wanted: &'a [[f32; 3]],
+    search: &'a CloudSearch,
+    motors: usize,
+}
+
+impl Descent<'_> {
+    /// Smallest and largest value of a motor in the training data, and how far they are apart.
+    fn range(&self, motor: usize) -> [f64; 3] {
+        let units = &self.model.provenance.normalisation;
+        let (low, high) = (units.motor_min[motor], units.motor_max[motor]);
+        [low, high, high - low]
+    }
+
+    fn clouds<const N: usize>(
+        &self,
+        conditions: &[Vec<f64>],
+    ) -> Result<[Vec<[f32; 3]>; N], PredictError> {
+        let mut clouds = self.predict(conditions)?.into_iter();
+        Ok(std::array::from_fn(|_| clouds.next().unwrap_or_default()))
+    }
+
+    fn predict(&self, conditions: &[Vec<f64>]) -> Result<Vec<Vec<[f32; 3]>>, PredictError> {
+        let CloudSearch { points, seed, .. } = *self.search;
+        let predicted = self
+            .model
+            .predict_alike(conditions, points, seed, &self.sampler)?;
+        Ok(predicted.into_iter().map(|cloud| cloud.points).collect())
+    }
+
+    /// The change of the condition of a step, no motor's larger than the share `trust` of its range.
+    fn step(&self, at: &[f64], trust: f64) -> Result<Vec<f64>, CloudReachError> {
+        // A motor that never moved in the data says nothing.
+        let moved: Vec<usize> = (0..self.motors).filter(|&k| self.range(k)[2] > 0.0).collect();
+        let mut conditions = vec![at.to_vec()];
+        let mut steps = Vec::with_capacity(moved.len());
+        for &k in &moved {
+            let [low, high, width] = self.range(k);
+            let step = match at[k] < (low + high) / 2.0 {
+                true => DIFFERENCE * width,
+                false => -DIFFERENCE * width,
+            };
+            let mut condition = at.to_vec();
+            condition[k] += step;
+            conditions.push(condition);
+            steps.push(step / width);
+        }
+        let clouds = self.predict(&conditions)?;
+        let here = &clouds[0];
+        let slopes: Vec<Matrix3xX<f64>> = (0..here.len())
+            .map(|i| {
+                Matrix3xX::from_fn(moved.len(), |axis, k| {
+                    f64::from(clouds[k + 1][i][axis] - here[i][axis]) / steps[k]
+                })
+            })
+            .collect();
+        let (mut hessian, gradient) = self.normal_equations(here, &slopes)?;
+        let scale = hessian.trace() / moved.len() as f64;
+        for k in 0..moved.len() {
+            hessian[(k, k)] += DAMPING * scale + f64::MIN_POSITIVE;
+        }
+        let mut rows = DMatrix::zeros(2 * moved.len(), moved.len());
+        let mut bounds = DVector::zeros(2 * moved.len());
+        for (place, &k) in moved.iter().enumerate() {
+            let [low, high, width] = self.range(k);
+            (rows[(2 * place, place)], rows[(2 * place + 1, place)]) = (1.0, -1.0);
+            bounds[2 * place] = ((high - at[k]) / width).clamp(0.0, trust);
+            bounds[2 * place + 1] = ((at[k] - low) / width).clamp(0.0, trust);
+        }
+        let program = QuadraticProgram {
+            hessian,
+            gradient,
+            rows,
+            bounds,
+        };
+        let mut change = vec![0.0; at.len()];
+        // Without a minimiser there is no step, and the trust region shrinks.
+        if let Some(solved) = program.solve() {
+            for (place, &k) in moved.iter().enumerate() {
+                change[k] = solved.x[place] * self.range(k)[2];
+            }
+        }
+        Ok(change)
+    }
+
+    /// Of the matched points: mean of `J'J`, and of `-J'(w - p)`, of both ways together.
+    fn normal_equations(
+        &self,
+        here: &[[f32; 3]],
+        slopes: &[Matrix3xX<f64>],
+    ) -> Result<(DMatrix<f64>, DVector<f64>), MetricError> {
+        let n = slopes.first().map_or(0, Matrix3xX::ncols);
+        let (mut hessian, mut gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        let mut add = |i: usize, j: usize, weight: f64| {
+            let off = Vector3::from_fn(|axis, _| {
+                f64::from(self.wanted[j][axis]) - f64::from(here[i][axis])
+            });
+            let slope = &slopes[i];
+            hessian += slope.tr_mul(slope) * weight;
+            gradient -= slope.tr_mul(&off) * weight;
+        };
+        let weight = 1.0 / here.len() as f64;
+        let nearest = nearest_indices(here, self.wanted)?;
+        (nearest.into_iter().enumerate()).for_each(|(i, j)| add(i, j, weight));
+        let weight = 1.0 / self.wanted.len() as f64;
+        let nearest = nearest_indices(self.wanted, here)?;
+        (nearest.into_iter().enumerate()).for_each(|(j, i)| add(i, j, weight));
+        Ok((hessian, gradient))
+    }
+}
