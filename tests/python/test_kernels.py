@@ -26,9 +26,9 @@ SETTINGS = [
     "--embedding",
     "16",
     "--steps",
-    "20",
+    "12",
     "--validate-every",
-    "20",
+    "12",
     "--clouds",
     "2",
     "--points",
@@ -53,7 +53,7 @@ TOLERANCES = {
 @pytest.fixture(scope="module")
 def data(tdcr, tmp_path_factory):
     folder = tmp_path_factory.mktemp("kernels") / "data"
-    tdcr("collect", "--robot", "2m", "--samples", 20, "--points", 128, "--out", folder)
+    tdcr("collect", "--robot", "2m", "--samples", 10, "--points", 64, "--out", folder)
     return folder
 
 
