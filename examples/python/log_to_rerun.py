@@ -5,8 +5,8 @@
     rerun log.rrd
 
 Rerun opens a log by itself (`rerun captured/log.mcap`): colours, clouds, calibrations, transforms and events. This adds what
-it then shows as bytes or as plain pictures: positions, velocities and currents of servos, commands and temperatures as curves (`/servos`,
-`/command`), and depth images in metres, in the view of their cameras (`/cameras/SERIAL`).
+it then shows as bytes or as plain pictures: positions, velocities and currents of servos, commands and temperatures as curves
+(`/servos`, `/command`), and depth images in metres, in the view of their cameras (`/cameras/SERIAL`).
 """
 
 import argparse

@@ -49,6 +49,7 @@ struct MjcfOptions {
     dt: Option<f64>,
     integrator: String,
     command: Option<Vec<f64>>,
+    attach: Option<String>,
 }
 
 #[pymethods]
@@ -96,17 +97,27 @@ impl Robot {
             ("implicit", Integrator::Implicit),
             ("rk4", Integrator::RungeKutta4),
         ];
+        let payload = Payload {
+            mass: options.payload,
+            ..Payload::default()
+        };
+        let integrator = choice("integrator", &options.integrator, &integrators)?;
+        if let Some(prefix) = options.attach {
+            let part = mjcf::Part {
+                prefix,
+                payload,
+                integrator,
+            };
+            return Ok((mjcf::export_part(self.0.spec(), &part)?, Vec::new()));
+        }
         let options = mjcf::ExportOptions {
             base: match options.base {
                 true => BaseVisibility::Shown,
                 false => BaseVisibility::Hidden,
             },
-            payload: Payload {
-                mass: options.payload,
-                ..Payload::default()
-            },
+            payload,
             timestep: options.dt,
-            integrator: choice("integrator", &options.integrator, &integrators)?,
+            integrator,
             command: options.command,
             scene: scene.map(|scene| scene.0.clone()).unwrap_or_default(),
         };

@@ -150,6 +150,7 @@ class Robot:
         integrator: Literal["euler", "implicitfast", "implicit", "rk4"] = "euler",
         command: Any = None,
         scene: Scene | None = None,
+        attach: str | None = None,
     ) -> str:
         """The robot as a model for MuJoCo; as ``tdcr export``.
 
@@ -162,13 +163,20 @@ class Robot:
                 of every tendon's range, with a little more pull by the first tendon of each module.
             scene: Obstacles around the robot, as geoms of the world, and spheres on the discs that touch them. What MuJoCo has
                 otherwise is warned of.
+            attach: Prefix of all names in a model that is to be mounted on another one (``mujoco.MjSpec.attach``): its base stands
+                at the origin, and cameras, gravity, time step and keyframe are left to that model. Goes with ``payload`` and
+                ``integrator`` alone.
 
         Raises:
+            InputError: For ``attach`` with what it does not go with.
             ContactError: In a scene, for a straight robot inside an obstacle.
             RobotError: For a robot that MuJoCo cannot have, a step that is not stable, and a command in which it does not
                 settle.
         """
+        if attach is not None and (base or dt is not None or command is not None or scene is not None):
+            raise InputError("`attach` goes with `payload` and `integrator` alone: the rest is left to the model around the robot")
         options = {
+            "attach": None if attach is None else as_text(attach, "attach"),
             "base": as_flag(base, "base"),
             "payload": as_number(payload, "payload"),
             "dt": maybe_number(dt, "dt"),

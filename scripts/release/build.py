@@ -118,13 +118,14 @@ def bill_of_materials(materials, dist, number):
     (dist / f"tdcr-{number}.cdx.json").write_text(json.dumps(bill, indent=1) + "\n")
 
 
-def source_distribution(tools, dist, commit):
-    """Sources for `pip`, with the commit, which they would else not know."""
+def source_distribution(tools, dist, commit, time):
+    """Sources for `pip`, with the commit, which they would else not know; its bytes depend on the sources alone."""
     told = ROOT / "COMMIT"
     try:
         if commit:
             told.write_text(commit + "\n")
-        run(tools.maturin, "sdist", "--out", dist)
+        # For builds, it would have libraries in C compiled anew, and all above them.
+        run(tools.maturin, "sdist", "--out", dist, env=os.environ | {"SOURCE_DATE_EPOCH": str(time)})
     finally:
         told.unlink(missing_ok=True)
 
@@ -213,8 +214,6 @@ def main():
     if commit:
         os.environ["TDCR_COMMIT"] = commit
     time = int(text_of("git", "log", "-1", "--format=%ct"))
-    # Archives that others make have this time, too.
-    os.environ["SOURCE_DATE_EPOCH"] = str(time)
     dist = args.out.resolve()
     shutil.rmtree(dist, ignore_errors=True)
     dist.mkdir(parents=True)
@@ -222,7 +221,7 @@ def main():
     tools = Tools(target)
     bill_of_materials(wheel(tools, dist, args.python), dist, number)
     command_line(tools, dist, number, target, time)
-    source_distribution(tools, dist, commit)
+    source_distribution(tools, dist, commit, time)
     crates(dist, target, number, not args.no_verify, args.allow_dirty)
     notes(dist, number)
     checksums(dist)

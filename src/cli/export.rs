@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use tdcr::sim::formats::mjcf::{self, ExportOptions, Integrator};
+use tdcr::sim::formats::mjcf::{self, ExportOptions, Integrator, Part};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::Payload;
+use tdcr::sim::scene::Scene;
 
 use super::console::Console;
 use super::output;
@@ -49,6 +50,10 @@ pub(super) struct ExportArgs {
     command: Option<Vec<f64>>,
     #[command(flatten)]
     scene: SceneArgs,
+    /// Write a part to be mounted on another model (mjcf): its base stands at the origin, its names begin with PREFIX, and cameras,
+    /// gravity, time step and keyframe are left to that model
+    #[arg(long, value_name = "PREFIX", conflicts_with_all = ["base", "dt", "command", "scene"])]
+    attach: Option<String>,
     /// The file to write [default: stdout]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -147,48 +152,59 @@ fn scene_of(args: &ExportArgs) -> anyhow::Result<String> {
 /// Refuses options that go with MuJoCo models.
 fn refuse_for_mjcf_alone(args: &ExportArgs) -> anyhow::Result<()> {
     let motion = args.dt.is_some() || args.integrator.is_some() || args.command.is_some();
-    if args.format != Format::Mjcf
-        && (args.base || args.payload != 0.0 || motion || args.scene.is_given())
-    {
+    let beside = args.scene.is_given() || args.attach.is_some();
+    if args.format != Format::Mjcf && (args.base || args.payload != 0.0 || motion || beside) {
         bail!(
-            "--base, --payload, --dt, --integrator, --command and --scene go with --format mjcf: other formats hold the robot alone"
+            "--base, --payload, --dt, --integrator, --command, --scene and --attach go with --format mjcf: other formats hold the \
+             robot alone"
         );
     }
     Ok(())
+}
+
+fn mjcf_of(args: &ExportArgs) -> anyhow::Result<String> {
+    let payload = Payload {
+        mass: args.payload,
+        ..Payload::default()
+    };
+    let integrator = args.integrator.map(Into::into).unwrap_or_default();
+    let spec = args.robot.load()?;
+    let (text, scene) = match &args.attach {
+        Some(prefix) => {
+            let part = Part {
+                prefix: prefix.clone(),
+                payload,
+                integrator,
+            };
+            (mjcf::export_part(&spec, &part)?, Scene::default())
+        }
+        None => {
+            let options = ExportOptions {
+                base: match args.base {
+                    true => BaseVisibility::Shown,
+                    false => BaseVisibility::Hidden,
+                },
+                payload,
+                timestep: args.dt,
+                integrator,
+                command: args.command.clone(),
+                scene: args.scene.load()?,
+            };
+            (mjcf::export(&spec, &options)?, options.scene)
+        }
+    };
+    let notes = mjcf::export_notes(&spec)?.into_iter();
+    for note in notes.chain(mjcf::scene_notes(&scene)) {
+        tracing::warn!("{note}");
+    }
+    Ok(text)
 }
 
 fn text_of(args: &ExportArgs) -> anyhow::Result<String> {
     refuse_for_mjcf_alone(args)?;
     let spec = || args.robot.load();
     Ok(match args.format {
-        Format::Mjcf => {
-            let base = if args.base {
-                BaseVisibility::Shown
-            } else {
-                BaseVisibility::Hidden
-            };
-            let payload = Payload {
-                mass: args.payload,
-                ..Payload::default()
-            };
-            let options = ExportOptions {
-                base,
-                payload,
-                timestep: args.dt,
-                integrator: args.integrator.map(Into::into).unwrap_or_default(),
-                command: args.command.clone(),
-                scene: args.scene.load()?,
-            };
-            let spec = spec()?;
-            let text = mjcf::export(&spec, &options)?;
-            for note in mjcf::export_notes(&spec)?
-                .into_iter()
-                .chain(mjcf::scene_notes(&options.scene))
-            {
-                tracing::warn!("{note}");
-            }
-            text
-        }
+        Format::Mjcf => mjcf_of(args)?,
         Format::Urdf => tdcr::sim::formats::urdf::export(&spec()?)?,
         Format::Json => serde_json::to_string_pretty(&spec()?)? + "\n",
         Format::Toml => toml::to_string(&spec()?)?,

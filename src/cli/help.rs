@@ -11,8 +11,8 @@ const STORIES: [(&str, &[&str]); 6] = [
     (
         "Robots in simulation",
         &[
-            "settle", "reach", "plan", "deploy", "track", "simulate", "study", "render", "view",
-            "export",
+            "new", "settle", "reach", "plan", "deploy", "track", "simulate", "study", "render",
+            "view", "export",
         ],
     ),
     (

@@ -29,6 +29,7 @@ mod keys;
 mod loads;
 mod log;
 mod manual;
+mod new;
 mod output;
 mod picture;
 mod plan;
@@ -119,6 +120,7 @@ enum Command {
     Eval(eval::EvalArgs),
     Compare(compare::CompareArgs),
     Demo(demo::DemoArgs),
+    New(new::NewArgs),
     Export(export::ExportArgs),
     Render(render::RenderArgs),
     View(view::ViewArgs),
@@ -300,6 +302,7 @@ fn execute(cli: &Cli, arguments: &[OsString]) -> anyhow::Result<()> {
         Command::Eval(args) => eval::run(args, &console),
         Command::Compare(args) => compare::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),
+        Command::New(args) => new::run(args, &console),
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
         Command::View(args) => view::run(args, &console),

@@ -23,6 +23,7 @@ mod growth;
 mod log;
 mod methods;
 mod names;
+mod new;
 mod notes;
 mod others;
 mod output;

@@ -65,6 +65,7 @@ mod recovery;
 mod repair;
 mod resync;
 mod room;
+mod ros2;
 mod servos;
 mod shared;
 mod topic;
@@ -83,6 +84,7 @@ pub use record::{
 pub use recovery::{Damage, Problem, Recovery};
 pub use repair::repair;
 pub use room::free_space;
+pub use ros2::{Bag, export_rosbag2};
 pub use servos::servo_sink;
 pub use shared::SharedLog;
 pub(crate) use shared::finish_all;

@@ -153,6 +153,16 @@ pub enum ExportError {
         /// The longest that is stable (s).
         longest: f64,
     },
+    /// A prefix that names cannot have.
+    #[error(
+        "the prefix {prefix:?} has the character {character:?}; expected no spaces, and characters that XML can hold"
+    )]
+    Prefix {
+        /// The prefix.
+        prefix: String,
+        /// What it may not have.
+        character: char,
+    },
     /// The robot does not come to rest under the keyframe's command.
     #[error(
         "the robot does not settle under the keyframe's command: residual {residual:.1e} N m; expected \

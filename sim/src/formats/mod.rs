@@ -34,6 +34,7 @@ mod load;
 mod load_scene;
 mod missing;
 pub mod mjcf;
+mod sketch;
 pub mod urdf;
 mod xml;
 
@@ -43,3 +44,4 @@ pub(crate) use layout::{DiscLayout, DiscMass, Layout, ring_around};
 pub use load::{RobotFileError, with_table};
 pub use load_scene::{SceneFileError, load_scene};
 pub use missing::MissingFields;
+pub use sketch::{Sketch, SketchError, SketchedBackbone, SketchedServos};

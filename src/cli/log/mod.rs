@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
-use tdcr::hw::log::{Contents, Recovery, repair};
+use tdcr::hw::log::{Contents, Recovery, export_rosbag2, repair};
 use tdcr::report::counted;
 
 use super::console::Console;
@@ -24,6 +24,7 @@ pub(super) struct LogArgs {
 enum LogCommand {
     Info(InfoArgs),
     Repair(RepairArgs),
+    Export(ExportArgs),
     Pictures(PicturesArgs),
 }
 
@@ -49,10 +50,31 @@ struct RepairArgs {
     force: bool,
 }
 
+/// Write a log as other tools have it
+#[derive(Debug, Args)]
+struct ExportArgs {
+    /// The log, an MCAP file
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// The format to write
+    #[arg(long, value_enum, default_value_t = LogFormat::Rosbag2)]
+    format: LogFormat,
+    /// The folder to write, which must not be there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum LogFormat {
+    /// Bag of ROS 2: MCAP with messages of sensor_msgs and its like
+    Rosbag2,
+}
+
 pub(super) fn run(args: &LogArgs, console: &Console) -> anyhow::Result<()> {
     match &args.command {
         LogCommand::Info(args) => info(args, console),
         LogCommand::Repair(args) => mend(args, console),
+        LogCommand::Export(args) => export(args, console),
         LogCommand::Pictures(args) => pictures::run(args, console),
     }
 }
@@ -200,5 +222,58 @@ fn mend(args: &RepairArgs, console: &Console) -> anyhow::Result<()> {
             "with what could be read"
         };
         format!("{text}{}: written, {what}\n", out.display())
+    })
+}
+
+#[derive(Serialize)]
+struct Exported {
+    dir: PathBuf,
+    messages: u64,
+    /// Messages that the format has nothing for.
+    left_out: u64,
+    topics: Vec<ExportedTopic>,
+    whole: bool,
+}
+
+#[derive(Serialize)]
+struct ExportedTopic {
+    topic: String,
+    #[serde(rename = "type")]
+    kind: &'static str,
+    messages: u64,
+}
+
+fn export(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
+    let LogFormat::Rosbag2 = args.format;
+    let bag = export_rosbag2(&args.file, &args.out)?;
+    if !bag.recovery.is_whole() {
+        tracing::warn!(
+            "{} is damaged: the bag has what can be read of it",
+            args.file.display()
+        );
+    }
+    let topics = bag
+        .topics
+        .iter()
+        .map(|(topic, (kind, messages))| ExportedTopic {
+            topic: topic.clone(),
+            kind,
+            messages: *messages,
+        });
+    let exported = Exported {
+        dir: args.out.clone(),
+        messages: bag.messages(),
+        left_out: bag.left_out,
+        topics: topics.collect(),
+        whole: bag.recovery.is_whole(),
+    };
+    console.summary(&exported, |e| {
+        format!(
+            "{}: {} of {}; {} have no message there",
+            e.dir.display(),
+            counted(e.messages as usize, "message"),
+            counted(e.topics.len(), "topic"),
+            e.left_out
+        )
     })
 }

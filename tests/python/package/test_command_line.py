@@ -140,6 +140,12 @@ def test_a_model_for_mujoco_is_that_of_the_command_line() -> None:
     text = robot.to_mjcf(base=True, payload=0.02, dt=0.001, integrator="rk4", command=command)
     assert text == command_line("export", *flags)["text"] != robot.to_mjcf()
     assert robot.to_mjcf() == command_line("export")["text"]
+    part = robot.to_mjcf(attach="tdcr/", payload=0.02)
+    assert part == command_line("export", "--attach", "tdcr/", "--payload", 0.02)["text"] and 'name="tdcr/base"' in part
+    with pytest.raises(InputError, match="`attach` goes with `payload` and `integrator` alone"):
+        robot.to_mjcf(attach="tdcr/", dt=0.001)
+    with pytest.raises(tdcr.errors.RobotError, match="the character ' '"):
+        robot.to_mjcf(attach="a robot/")
     with pytest.raises(InputError, match='integrator is "verlet"; expected one of "euler"'):
         robot.to_mjcf(integrator="verlet")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"command has shape \(2,\); expected \(6,\)"):

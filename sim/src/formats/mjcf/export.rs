@@ -6,7 +6,7 @@ use super::check::{longest, representable};
 use super::keyframe::{KEYFRAME, Start};
 use super::obstacles::Touching;
 use super::options::ExportOptions;
-use super::write::{XmlWriter, number, numbers, quaternion, rgba, vector};
+use super::write::{Attribute, XmlWriter, number, numbers, quaternion, rgba, vector};
 use super::written_joint::WrittenJoint;
 use crate::camera::Camera;
 use crate::formats::ExportError;
@@ -17,7 +17,7 @@ use crate::robot::{
 };
 
 /// What a model says of joints that bend and turn unlike.
-const IN_SERIES: &str = "Bending and torsion differ: each joint is a ball with the largest stiffness, \
+pub(super) const IN_SERIES: &str = "Bending and torsion differ: each joint is a ball with the largest stiffness, \
                          in series with a hinge about each softer axis. Turns about one of the axes \
                          have exactly the energy of the rod; combined turns differ by terms of \
                          fourth order in the angles.";
@@ -70,11 +70,23 @@ pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, Expor
     if !joints.iter().all(WrittenJoint::is_as_here) {
         xml.comment(IN_SERIES);
     }
-    write_chain(&mut xml, &robot, &joints, &options.payload, &touching);
+    let base = Base {
+        position: spec.base.position,
+        orientation: robot.base_orientation(),
+        class: None,
+    };
+    write_chain(
+        &mut xml,
+        &robot,
+        &joints,
+        &options.payload,
+        &touching,
+        &base,
+    );
     xml.close();
     touching.write_exclusions(&mut xml);
     if !robot.tendons().is_empty() {
-        write_tendons(&mut xml, &robot);
+        write_tendons(&mut xml, &robot, None);
     }
     if start.settled {
         write_keyframe(&mut xml, &start, &start.coordinates(&robot, &joints));
@@ -196,23 +208,40 @@ fn write_solid(xml: &mut XmlWriter, solid: &Solid) {
     );
 }
 
+/// The body that a chain stands on.
+pub(super) struct Base {
+    /// In the model's world (m).
+    pub position: [f64; 3],
+    pub orientation: UnitQuaternion<f64>,
+    /// Class whose defaults all of the chain has.
+    pub class: Option<&'static str>,
+}
+
+impl Base {
+    fn attributes(&self) -> Vec<Attribute<'static>> {
+        let mut base = vec![
+            ("name", "base".to_owned()),
+            ("pos", numbers(&self.position)),
+        ];
+        if self.orientation != UnitQuaternion::identity() {
+            base.push(("quat", quaternion(&self.orientation)));
+        }
+        base.extend(self.class.map(|class| ("childclass", class.to_owned())));
+        base
+    }
+}
+
 /// The base and the discs, each within the one below.
-fn write_chain(
+pub(super) fn write_chain(
     xml: &mut XmlWriter,
     robot: &Robot,
     joints: &[WrittenJoint],
     payload: &Payload,
     touching: &Touching,
+    base: &Base,
 ) {
     let spec = robot.spec();
-    let mut base = vec![
-        ("name", "base".to_owned()),
-        ("pos", numbers(&spec.base.position)),
-    ];
-    if robot.base_orientation() != UnitQuaternion::identity() {
-        base.push(("quat", quaternion(&robot.base_orientation())));
-    }
-    xml.open("body", &base);
+    xml.open("body", &base.attributes());
     write_sites(xml, spec, Body::Base, spec.base.hole_height);
     for (index, (disc, joint)) in robot.discs().iter().zip(joints).enumerate() {
         write_disc(xml, robot, index, disc, joint);
@@ -285,10 +314,13 @@ fn write_sites(xml: &mut XmlWriter, spec: &RobotSpec, body: Body, height: f64) {
     }
 }
 
-fn write_tendons(xml: &mut XmlWriter, robot: &Robot) {
+/// Tendons, with the defaults of a class if they have one, and their actuators.
+pub(super) fn write_tendons(xml: &mut XmlWriter, robot: &Robot, class: Option<&str>) {
     xml.open("tendon", &[]);
     for (index, tendon) in robot.tendons().iter().enumerate() {
-        xml.open("spatial", &[("name", format!("tendon{index}"))]);
+        let mut attributes = vec![("name", format!("tendon{index}"))];
+        attributes.extend(class.map(|class| ("class", class.to_owned())));
+        xml.open("spatial", &attributes);
         for waypoint in &tendon.route {
             xml.leaf("site", &[("site", site(*waypoint))]);
         }

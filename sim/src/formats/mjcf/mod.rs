@@ -47,6 +47,7 @@ mod keyframe;
 mod mass;
 mod obstacles;
 mod options;
+mod part;
 mod scene;
 mod stage;
 mod view;
@@ -57,6 +58,7 @@ pub use export::{export, export_notes};
 pub use import::{import, import_text};
 pub use obstacles::scene_notes;
 pub use options::{ExportOptions, Integrator};
+pub use part::{Part, export_part};
 pub use scene::{ImportedScene, import_scene, import_scene_text};
 
 pub(crate) use write::{escape, is_xml_char};

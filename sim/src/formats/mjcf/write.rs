@@ -9,12 +9,34 @@ use nalgebra::{UnitQuaternion, Vector3};
 pub(crate) struct XmlWriter {
     text: String,
     open: Vec<&'static str>,
+    /// What names in a MuJoCo model begin with.
+    prefix: String,
 }
+
+/// Attributes of MuJoCo's elements that give an element its name, or refer to one by it.
+const NAMES: [&str; 8] = [
+    "name",
+    "class",
+    "childclass",
+    "site",
+    "tendon",
+    "mesh",
+    "body1",
+    "body2",
+];
 
 /// An attribute's name and value.
 pub(crate) type Attribute<'a> = (&'a str, String);
 
 impl XmlWriter {
+    /// One whose elements have names that begin with `prefix`.
+    pub fn with_prefix(prefix: &str) -> Self {
+        Self {
+            prefix: prefix.to_owned(),
+            ..Self::default()
+        }
+    }
+
     /// An element that holds no other.
     pub fn leaf(&mut self, tag: &str, attributes: &[Attribute<'_>]) {
         self.start(tag, attributes);
@@ -57,7 +79,11 @@ impl XmlWriter {
         self.text.push('<');
         self.text.push_str(tag);
         for (name, value) in attributes {
-            let _ = write!(self.text, " {name}=\"{}\"", escape(value));
+            let prefix = match NAMES.contains(name) {
+                true => escape(&self.prefix),
+                false => String::new(),
+            };
+            let _ = write!(self.text, " {name}=\"{prefix}{}\"", escape(value));
         }
     }
 
