@@ -1,12 +1,16 @@
 //! A robot in the browser.
 
+use std::path::PathBuf;
 use std::sync::Mutex;
 
-use numpy::PyReadonlyArray1;
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use tdcr::view::{Exhibit, View};
+use tdcr::hw::rig::RigFile;
+use tdcr::sim::chain::Configuration;
+use tdcr::sim::robot::RobotSpec;
+use tdcr::view::{Exhibit, Given, OverlayFiles, Overlays, View, ViewError};
 
-use crate::arrays::contiguous;
+use crate::arrays::{contiguous, quaternions};
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
 use crate::robot::Robot;
@@ -16,37 +20,81 @@ use crate::scene::Scene;
 #[pyclass(frozen, module = "tdcr._tdcr")]
 pub struct Viewer {
     address: String,
+    robot: tdcr::sim::robot::Robot,
     view: Mutex<Option<View>>,
+}
+
+/// What is shown besides the robot: folders and files.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Shown {
+    data: Option<PathBuf>,
+    model: Option<PathBuf>,
+    log: Option<PathBuf>,
+    study: Option<PathBuf>,
+    rig: Option<PathBuf>,
 }
 
 #[pymethods]
 impl Viewer {
-    /// Serves a robot with the command it begins with (the middle of the tendons' ranges for none) at a port, 0 for any.
+    /// Serves a robot (that of the rig, the model, the data set or the study where none is given, else `fallback`) with the command
+    /// it begins with (the middle of the tendons' ranges for none), and commands to play, at a port, 0 for any.
     #[staticmethod]
+    #[allow(clippy::too_many_arguments, reason = "keywords of one Python function")]
     fn open(
-        robot: PyRef<'_, Robot>,
+        py: Python<'_>,
+        robot: Option<PyRef<'_, Robot>>,
+        fallback: PyRef<'_, Robot>,
         scene: Option<PyRef<'_, Scene>>,
         command: Option<PyReadonlyArray1<'_, f64>>,
+        commands: Option<PyReadonlyArray2<'_, f64>>,
         loads: PyRef<'_, Loads>,
+        shown: Shown,
         port: u16,
     ) -> Outcome<Self> {
-        let tendons = robot.0.tendons().len();
+        let overlays = py.detach(|| open_overlays(&shown))?;
+        let rig = shown.rig.as_deref().map(RigFile::load).transpose()?;
+        let spec: RobotSpec = match (&rig, &robot, overlays.robot()) {
+            (Some(rig), ..) => rig.robot.clone(),
+            (None, Some(robot), _) => robot.0.spec().clone(),
+            (None, None, Some(robot)) => robot.clone(),
+            (None, None, None) => fallback.0.spec().clone(),
+        };
+        let robot = tdcr::sim::robot::Robot::new(spec)?;
+        let tendons = robot.tendons().len();
         let command = command.map(|command| {
             let values = contiguous(&command, "command", &[tendons])?;
-            robot.0.command(values)?;
+            robot.command(values)?;
             Outcome::Ok(values.to_vec())
         });
-        loads.0.check(&robot.0)?;
+        let recorded = commands.map(|commands| {
+            let rows = commands.as_array().nrows();
+            let values = contiguous(&commands, "commands", &[rows, tendons])?;
+            let rows = values.chunks_exact(tendons.max(1));
+            rows.map(|row| Ok(robot.command(row)?.as_slice().to_vec()))
+                .collect::<Outcome<Vec<_>>>()
+        });
+        loads.0.check(&robot)?;
         let exhibit = Exhibit {
             scene: scene.map(|scene| scene.0.clone()).unwrap_or_default(),
             loads: loads.0.clone(),
             start: command.transpose()?,
-            ..Exhibit::of(robot.0.spec().clone())
+            recorded: recorded.transpose()?.unwrap_or_default(),
+            overlays,
+            rig,
+            ..Exhibit::of(robot.spec().clone())
         };
-        let view = View::open(exhibit, port);
-        let view = view.map_err(|error| Failure::Of("TdcrError", error.to_string()))?;
+        let view = py.detach(|| View::open(exhibit, port));
+        let view = view.map_err(|error| {
+            let class = match error {
+                ViewError::Rig(_) => "RigError",
+                _ => "TdcrError",
+            };
+            Failure::Of(class, error.to_string())
+        })?;
         Ok(Self {
             address: view.address().to_owned(),
+            robot,
             view: Mutex::new(Some(view)),
         })
     }
@@ -57,8 +105,59 @@ impl Viewer {
         &self.address
     }
 
-    /// Ends it.
+    /// The robot.
+    #[getter]
+    fn robot(&self) -> Robot {
+        Robot(self.robot.clone())
+    }
+
+    /// Shows the robot under a command, followed from where it is, or in a pose (rotations of the joints, shape (discs, 4)).
+    fn show(
+        &self,
+        command: PyReadonlyArray1<'_, f64>,
+        configuration: Option<PyReadonlyArray2<'_, f64>>,
+    ) -> Outcome<()> {
+        let tendons = self.robot.tendons().len();
+        let values = contiguous(&command, "command", &[tendons])?;
+        let command = self.robot.command(values)?;
+        let given = match configuration {
+            None => Given::Command(command),
+            Some(rotations) => {
+                let discs = self.robot.discs().len();
+                let flat = contiguous(&rotations, "configuration", &[discs, 4])?;
+                if let Some(found) = flat.iter().find(|x| !x.is_finite()) {
+                    let message = format!("configuration has {found}; expected finite numbers");
+                    return Err(Failure::input(message));
+                }
+                Given::Pose {
+                    configuration: Configuration(quaternions(flat)),
+                    command,
+                }
+            }
+        };
+        let view = self.view.lock();
+        let view = view.as_ref().ok().and_then(|view| view.as_ref());
+        match view {
+            Some(view) => {
+                view.show(given);
+                Ok(())
+            }
+            None => Err(Failure::input("the page is closed; expected an open one")),
+        }
+    }
+
+    /// Ends it; waits until the tension of a rig is released.
     fn close(&self, py: Python<'_>) {
         py.detach(|| drop(self.view.lock().ok().and_then(|mut view| view.take())));
     }
+}
+
+fn open_overlays(shown: &Shown) -> Outcome<Overlays> {
+    let files = OverlayFiles {
+        data: shown.data.as_deref(),
+        model: shown.model.as_deref(),
+        log: shown.log.as_deref(),
+        study: shown.study.as_deref(),
+    };
+    Overlays::open(files).map_err(|error| Failure::Of("DataError", error.to_string()))
 }

@@ -217,9 +217,21 @@ class Scene:
 @final
 class Viewer:
     @staticmethod
-    def open(robot: Robot, scene: Scene | None, command: _Floats | None, loads: Loads, port: int) -> Viewer: ...
+    def open(
+        robot: Robot | None,
+        fallback: Robot,
+        scene: Scene | None,
+        command: _Floats | None,
+        commands: _Floats | None,
+        loads: Loads,
+        shown: dict[str, str | None],
+        port: int,
+    ) -> Viewer: ...
     @property
     def address(self) -> str: ...
+    @property
+    def robot(self) -> Robot: ...
+    def show(self, command: _Floats, configuration: _Floats | None) -> None: ...
     def close(self) -> None: ...
 
 @final

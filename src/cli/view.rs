@@ -7,15 +7,16 @@ use std::time::Duration;
 
 use clap::Args;
 use serde::Serialize;
+use tdcr::learn::data::Subject;
 use tdcr::pipeline::Monitor;
 use tdcr::sim::robot::{Robot, RobotSpec};
-use tdcr::view::{Exhibit, Source, View};
+use tdcr::view::{Exhibit, OverlayFiles, Overlays, Source, View};
 
 use super::commands::read_commands;
 use super::console::Console;
 use super::loads::LoadArgs;
 use super::scene::SceneArgs;
-use super::{CommandArg, RobotArg};
+use super::{CommandArg, load_rig, load_robot};
 
 /// How often it is seen whether the command is to end.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -26,13 +27,30 @@ const PATIENCE: Duration = Duration::from_millis(50);
 /// robot follows; with Shift it is pushed. A robot file is watched, and shown again when it changes. Ctrl-C ends it.
 #[derive(Debug, Args)]
 pub(super) struct ViewArgs {
-    #[command(flatten)]
-    robot: RobotArg,
+    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml for MuJoCo's MJCF, or .urdf) [default: the robot of the model, the
+    /// data set or the study; else 2m]
+    #[arg(long, value_name = "ROBOT")]
+    robot: Option<String>,
     #[command(flatten)]
     command: CommandArg,
     /// Commands that the page can play: CSV, one per line, optionally with a header, or JSON, a list of lists
     #[arg(long, value_name = "FILE")]
     commands: Option<PathBuf>,
+    /// Data set whose clouds are shown over the robot, sample by sample
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Trained model whose cloud follows the robot, with its distance from what cameras would see
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Log of a rig (MCAP) to scrub through: commands, servos and clouds
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
+    /// Rig to look at live, and to move by the page that arms it; its robot is shown where its servos stand
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["robot", "command", "commands", "scene", "data", "log", "study"])]
+    rig: Option<PathBuf>,
+    /// Folder of a finished study: a point of its figure shows the robot of the row
+    #[arg(long, value_name = "DIR")]
+    study: Option<PathBuf>,
     #[command(flatten)]
     loads: LoadArgs,
     #[command(flatten)]
@@ -52,7 +70,19 @@ struct Served {
 }
 
 pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
-    let spec = args.robot.load()?;
+    let overlays = Overlays::open(OverlayFiles {
+        data: args.data.as_deref(),
+        model: args.model.as_deref(),
+        log: args.log.as_deref(),
+        study: args.study.as_deref(),
+    })?;
+    let rig = args.rig.as_deref().map(load_rig).transpose()?;
+    let spec = match (&rig, &args.robot, overlays.robot()) {
+        (Some(rig), ..) => rig.robot.clone(),
+        (None, Some(name_or_path), _) => load_robot(name_or_path)?,
+        (None, None, Some(robot)) => robot.clone(),
+        (None, None, None) => load_robot(Subject::ROBOT)?,
+    };
     let robot = Robot::new(spec.clone())?;
     let start = args.command.lengths.as_deref();
     let start = start.map(|start| robot.command(start)).transpose()?;
@@ -68,8 +98,10 @@ pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
             .iter()
             .map(|command| command.as_slice().to_vec())
             .collect(),
-        source: source(&args.robot.name_or_path),
+        source: args.robot.as_deref().map(source).unwrap_or_default(),
         robot: spec,
+        overlays,
+        rig,
     };
     let view = View::open(exhibit, args.port)?;
     let served = Served {
@@ -85,6 +117,8 @@ pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
     while !console.interrupted() {
         thread::sleep(PATIENCE);
     }
+    // The tension of a rig is released here; a second Ctrl-C switches its motors off at once.
+    drop(view);
     Ok(())
 }
 

@@ -31,12 +31,14 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod browse;
 mod error;
 mod figures;
 mod outputs;
 mod run;
 mod spec;
 
+pub use browse::{Configuration, RowError, Rows};
 pub use error::{Refusal, StudyError};
 pub use run::{Finished, merge, run};
 pub use spec::{Column, Kind, Output, Starter, Study, Variable};

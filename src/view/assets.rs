@@ -26,14 +26,20 @@ macro_rules! asset {
 pub(super) const PAGE: &str = include_str!("page/index.html");
 
 /// The files that the page asks for.
-pub(super) static ASSETS: [Asset; 11] = [
+pub(super) static ASSETS: [Asset; 17] = [
     asset!("style.css", "text/css; charset=utf-8"),
     asset!("main.js", SCRIPT),
     asset!("link.js", SCRIPT),
+    asset!("overlays.js", SCRIPT),
+    asset!("study.js", SCRIPT),
+    asset!("cameras.js", SCRIPT),
+    asset!("physics.js", SCRIPT),
     asset!("stage.js", SCRIPT),
     asset!("solids.js", SCRIPT),
     asset!("controls.js", SCRIPT),
     asset!("readout.js", SCRIPT),
+    asset!("rig.js", SCRIPT),
+    asset!("robot_file.js", SCRIPT),
     asset!("three/three.core.min.js", SCRIPT),
     asset!("three/three.module.min.js", SCRIPT),
     asset!("three/OrbitControls.js", SCRIPT),

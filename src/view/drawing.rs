@@ -2,6 +2,7 @@
 
 use nalgebra::Isometry3;
 use serde::Serialize;
+use tdcr_sim::camera::Camera;
 use tdcr_sim::geometry::{Dimensions, Instance, Solid};
 use tdcr_sim::pose::Pose;
 use tdcr_sim::render::{BaseVisibility, Visuals, tendon_holes};
@@ -37,6 +38,10 @@ pub(super) struct Layout {
     stabilities: [&'static str; 4],
     /// Commands that can be played.
     recorded: Vec<Vec<f64>>,
+    /// Coefficient of friction in the tendons' holes, where the robot's file says one.
+    friction: Option<f64>,
+    /// Number of cameras.
+    cameras: usize,
 }
 
 /// A solid.
@@ -103,6 +108,8 @@ impl Layout {
             discs: robot.discs().len(),
             stabilities: STABILITIES.map(Stability::name),
             recorded: recorded.to_vec(),
+            friction: friction(robot),
+            cameras: Camera::placed(&spec.cameras).len(),
         }
     }
 }
@@ -166,4 +173,12 @@ fn numbers(pose: &Isometry3<f64>) -> [f64; 7] {
     let [x, y, z] = pose.translation.vector.into();
     let turn = pose.rotation.coords;
     [x, y, z, turn.x, turn.y, turn.z, turn.w]
+}
+
+/// The largest coefficient of friction that the file of a robot says of its tendons.
+fn friction(robot: &Robot) -> Option<f64> {
+    let tendons = robot.tendons().iter().filter_map(|tendon| tendon.friction);
+    tendons
+        .map(|friction| friction.coefficient)
+        .reduce(f64::max)
 }

@@ -4,9 +4,12 @@ use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use tdcr_hw::rig::RigFile;
 use tdcr_sim::formats::RobotFileError;
 use tdcr_sim::robot::{Loads, RobotSpec};
 use tdcr_sim::scene::Scene;
+
+use super::overlays::Overlays;
 
 /// A robot, what is around it and how it begins.
 #[derive(Clone, Debug)]
@@ -24,6 +27,10 @@ pub struct Exhibit {
     pub recorded: Vec<Vec<f64>>,
     /// Where the robot is from: a file is watched, and read again when it changes.
     pub source: Source,
+    /// What is shown over it.
+    pub overlays: Overlays,
+    /// The rig that the robot is of: it is shown where the rig's servos are, and moves with them.
+    pub rig: Option<RigFile>,
 }
 
 /// Where a robot is from.
@@ -46,6 +53,8 @@ impl Exhibit {
             start: None,
             recorded: Vec::new(),
             source: Source::Memory,
+            overlays: Overlays::default(),
+            rig: None,
         }
     }
 }

@@ -1,5 +1,22 @@
 //! What a robot does, in numbers: the message that goes to a page for every move.
 
+/// What a message of numbers holds: its first number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Where the robot is.
+    Frame,
+    /// Points and their colours.
+    Cloud,
+    /// A picture of a camera, as pixels.
+    Picture,
+}
+
+impl Kind {
+    pub fn number(self) -> f64 {
+        f64::from(self as u8)
+    }
+}
+
 /// What a robot does, in numbers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Frame {
@@ -17,6 +34,12 @@ pub(super) struct Frame {
     pub stability: f64,
     /// Payload (kg).
     pub payload: f64,
+    /// By what physics the robot follows its tendons: 0 at rest, 1 with friction, 2 in motion; 3 in a pose that was given.
+    pub physics: f64,
+    /// Time of the motion (s).
+    pub time: f64,
+    /// What computing a motion takes of its time.
+    pub load: f64,
     /// Origin of the distal disc, world frame (m).
     pub tip: [f64; 3],
     /// Command of each tendon (m, or N for a tension drive).
@@ -43,6 +66,7 @@ impl Frame {
             self.contacts.len(),
         ];
         let head = [
+            Kind::Frame.number(),
             self.stamp,
             self.solve,
             self.residual,
@@ -50,6 +74,9 @@ impl Frame {
             self.converged,
             self.stability,
             self.payload,
+            self.physics,
+            self.time,
+            self.load,
         ];
         let numbers = head
             .into_iter()

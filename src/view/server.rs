@@ -4,6 +4,8 @@ use std::future::pending;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener as StdListener};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::channel;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -12,6 +14,7 @@ use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{FromRequestParts, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use tdcr_hw::capture::CaptureError;
 use tdcr_sim::robot::RobotSpec;
 use thiserror::Error;
 use tokio::net::TcpListener;
@@ -19,10 +22,13 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{mpsc, oneshot, watch};
 
 use super::assets::{self, PAGE};
+use super::desk::{Desk, DeskLink, Order, PageId, Seen};
+use super::error::RequestError;
 use super::exhibit::{Exhibit, Source, Watched};
 use super::guard::{Guard, token};
 use super::message::Letter;
-use super::session::{self, Input, Output, RequestError};
+use super::post::{Given, Input, Output};
+use super::session;
 
 /// How often a robot file is looked at.
 const LOOK: Duration = Duration::from_millis(200);
@@ -37,6 +43,8 @@ pub struct View {
     address: String,
     end: Option<oneshot::Sender<()>>,
     server: Option<JoinHandle<()>>,
+    desk: Option<Desk>,
+    given: watch::Sender<Option<Arc<Given>>>,
 }
 
 /// Why nothing is served.
@@ -54,6 +62,9 @@ pub enum ViewError {
     /// The robot does not settle where it is to begin.
     #[error(transparent)]
     Exhibit(#[from] RequestError),
+    /// The rig cannot be opened.
+    #[error(transparent)]
+    Rig(#[from] CaptureError),
 }
 
 /// What a file of a robot holds by now; `None` as long as it has not changed.
@@ -66,6 +77,10 @@ struct Shared {
     nonce: String,
     port: u16,
     file: watch::Receiver<FileState>,
+    desk: Option<DeskLink>,
+    given: watch::Receiver<Option<Arc<Given>>>,
+    /// Sockets so far.
+    pages: AtomicU64,
 }
 
 impl View {
@@ -73,7 +88,7 @@ impl View {
     ///
     /// # Errors
     /// [`ViewError::Exhibit`] for a robot, command or loads that do not fit each other or the scene; [`ViewError::Port`] where the port is
-    /// not to be had.
+    /// not to be had; [`ViewError::Rig`] for a rig that cannot be opened.
     pub fn open(exhibit: Exhibit, port: u16) -> Result<Self, ViewError> {
         session::check(&exhibit)?;
         let refused = |source| ViewError::Port { port, source };
@@ -84,15 +99,35 @@ impl View {
             .enable_all()
             .build()
             .map_err(refused)?;
+        let desk = exhibit.rig.clone().map(Desk::open).transpose()?;
+        let link = desk.as_ref().map(Desk::link);
+        let (given, shown) = watch::channel(None);
         let token = token();
         let (end, ended) = oneshot::channel();
         let address = format!("http://{at}/{token}/");
-        let server = thread::spawn(move || serve(&runtime, listener, at, &token, exhibit, ended));
+        let server = thread::spawn(move || {
+            let door = Guard::new(at, &token);
+            serve(
+                &runtime,
+                listener,
+                (at, door),
+                exhibit,
+                (link, shown),
+                ended,
+            );
+        });
         Ok(Self {
             address,
             end: Some(end),
             server: Some(server),
+            desk,
+            given,
         })
+    }
+
+    /// Shows something on all pages, and on those that are opened later. What the robot that a page shows cannot do is said there.
+    pub fn show(&self, given: Given) {
+        self.given.send_replace(Some(Arc::new(given)));
     }
 
     /// The address to open in a browser, with the token in it.
@@ -107,6 +142,8 @@ impl Drop for View {
         if let Some(server) = self.server.take() {
             drop(server.join());
         }
+        // Waits until the tension of a rig is released.
+        drop(self.desk.take());
     }
 }
 
@@ -114,9 +151,9 @@ impl Drop for View {
 fn serve(
     runtime: &Runtime,
     listener: StdListener,
-    at: SocketAddr,
-    token: &str,
+    (at, guard): (SocketAddr, Guard),
     exhibit: Exhibit,
+    (desk, given): (Option<DeskLink>, watch::Receiver<Option<Arc<Given>>>),
     ended: oneshot::Receiver<()>,
 ) {
     let (changed, file) = watch::channel(None);
@@ -126,10 +163,13 @@ fn serve(
     };
     let shared = Arc::new(Shared {
         exhibit,
-        guard: Guard::new(at, token),
-        nonce: super::guard::token(),
+        guard,
+        nonce: token(),
         port: at.port(),
         file,
+        desk,
+        given,
+        pages: AtomicU64::new(0),
     });
     runtime.block_on(async {
         let Ok(listener) = TcpListener::from_std(listener) else {
@@ -227,7 +267,7 @@ async fn socket(shared: Arc<Shared>, request: Request) -> Response {
 
 /// Carries letters to a session of the page's own, and its answers back, until either is gone.
 async fn talk(mut socket: WebSocket, shared: Arc<Shared>) {
-    let (letters, mut inbox) = mpsc::unbounded_channel();
+    let (letters, inbox) = channel();
     let (outbox, mut answers) = mpsc::channel(WAITING);
     let mut file = shared.file.clone();
     let mut exhibit = shared.exhibit.clone();
@@ -241,11 +281,24 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>) {
             exhibit = changed;
         }
     }
-    thread::spawn(move || session::run(&exhibit, &mut inbox, &outbox));
+    let page = PageId(shared.pages.fetch_add(1, Ordering::Relaxed));
+    let mut desk = shared.desk.clone().map(|link| PageAtDesk { link, page });
+    let limits = desk.as_ref().map(|desk| desk.link.limits.clone());
+    thread::spawn(move || session::run(&exhibit, limits, &inbox, &outbox));
+    let mut given = shared.given.clone();
+    if let Some(shown) = given.borrow_and_update().clone()
+        && letters.send(Input::Given(shown)).is_err()
+    {
+        return;
+    }
     loop {
         let goes_on = tokio::select! {
             message = socket.recv() => match message {
-                Some(Ok(Message::Text(text))) => letters.send(read(text.as_str())).is_ok(),
+                Some(Ok(Message::Text(text))) => {
+                    let input = read(text.as_str());
+                    let ordered = desk.as_ref().is_some_and(|desk| desk.order(&input));
+                    ordered || letters.send(input).is_ok()
+                }
                 Some(Ok(Message::Binary(_) | Message::Ping(_) | Message::Pong(_))) => true,
                 Some(Ok(Message::Close(_)) | Err(_)) | None => false,
             },
@@ -253,6 +306,11 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>) {
                 Some(message) => socket.send(message).await.is_ok(),
                 None => false,
             },
+            Some(seen) = news(&mut desk) => letters.send(Input::Rig(page, seen)).is_ok(),
+            Ok(()) = given.changed() => {
+                let shown = given.borrow_and_update().clone();
+                shown.is_none_or(|shown| letters.send(Input::Given(shown)).is_ok())
+            }
             Ok(()) = file.changed() => {
                 let state = file.borrow_and_update().clone();
                 state.is_none_or(|robot| letters.send(Input::File(robot)).is_ok())
@@ -261,6 +319,42 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>) {
         if !goes_on {
             return;
         }
+    }
+}
+
+/// A page before a rig, which lets go of it however the page goes.
+struct PageAtDesk {
+    link: DeskLink,
+    page: PageId,
+}
+
+impl PageAtDesk {
+    /// Passes on what a page wants of the rig; whether that is what it said.
+    fn order(&self, input: &Input) -> bool {
+        let order = match input {
+            Input::Letter(letter) => letter.request.order(self.page),
+            _ => None,
+        };
+        // A rig that is gone is not moved.
+        order.is_some_and(|order| self.link.orders.send(order).is_ok())
+    }
+}
+
+impl Drop for PageAtDesk {
+    fn drop(&mut self) {
+        let _ = self.link.orders.send(Order::Gone(self.page));
+    }
+}
+
+/// What is seen of the rig, once it is something new; never without a rig.
+async fn news(desk: &mut Option<PageAtDesk>) -> Option<Arc<Seen>> {
+    let Some(desk) = desk else {
+        return pending().await;
+    };
+    match desk.link.seen.changed().await {
+        Ok(()) => Some(desk.link.seen.borrow_and_update().clone()),
+        // The rig is gone, and so will be the server.
+        Err(_) => pending().await,
     }
 }
 

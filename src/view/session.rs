@@ -2,85 +2,49 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Instant;
 
 use nalgebra::Vector3;
-use tdcr_sim::contact::{ContactError, ContactSettler};
-use tdcr_sim::formats::RobotFileError;
-use tdcr_sim::robot::{
-    Command, CommandError, Frame as Axes, Loads, LoadsError, Payload, Robot, RobotSpec, SpecError,
-    Wrench,
-};
+use tdcr_sim::contact::ContactSettler;
+use tdcr_sim::robot::{Command, Frame as Axes, Loads, Payload, Robot, RobotSpec, Wrench};
 use tdcr_sim::scene::Scene;
-use thiserror::Error;
-use tokio::sync::mpsc::{Sender, UnboundedReceiver};
+use tdcr_sim::simulation::Physics;
+use tokio::sync::mpsc::Sender;
 
+use super::body::{BEAT, Body, TIMESTEP};
+use super::desk::RigLimits;
 use super::drag::lead;
-use super::drawing::Layout;
+use super::error::RequestError;
 use super::exhibit::Exhibit;
 use super::frame::Frame;
-use super::message::{Letter, Refused, Reply, Request};
-
-/// What comes to a session.
-pub(super) enum Input {
-    /// A page's letter.
-    Letter(Letter),
-    /// A page's letter that could not be read, and why.
-    Unread(String),
-    /// The file of the robot changed: what is in it now, or why it is refused.
-    File(Arc<Result<RobotSpec, String>>),
-}
-
-/// What goes to a page.
-pub(super) enum Output {
-    /// JSON.
-    Words(Reply),
-    /// A frame.
-    Numbers(Vec<u8>),
-}
-
-/// Why a request changes nothing.
-#[derive(Debug, Error)]
-pub enum RequestError {
-    /// A command that the robot cannot take.
-    #[error(transparent)]
-    Command(#[from] CommandError),
-    /// Loads that it cannot take.
-    #[error(transparent)]
-    Loads(#[from] LoadsError),
-    /// Nothing to settle among the obstacles.
-    #[error(transparent)]
-    Contact(#[from] ContactError),
-    /// A text that is no robot.
-    #[error(transparent)]
-    File(#[from] RobotFileError),
-    /// A robot that is not valid.
-    #[error(transparent)]
-    Robot(#[from] SpecError),
-    /// A disc that the robot does not have.
-    #[error("the robot has {discs} discs, from 0; disc {disc} is asked for")]
-    Disc {
-        /// The disc.
-        disc: usize,
-        /// Number of discs.
-        discs: usize,
-    },
-    /// A place that is none.
-    #[error("the place is {0:?}; expected finite numbers (m)")]
-    Place([f64; 3]),
-}
+use super::message::{Letter, PhysicsName, Refused, Reply, Request};
+use super::over::Over;
+use super::pictures;
+use super::post::{Given, Input, Output};
 
 /// A robot that a page commands.
-struct Session {
-    robot: Robot,
-    scene: Scene,
+pub(super) struct Session {
+    pub(super) robot: Robot,
+    pub(super) scene: Scene,
     /// What pulls at it all the time.
-    loads: Loads,
+    pub(super) loads: Loads,
     /// What pulls at it, a push by hand among it.
     all_loads: Loads,
-    settler: ContactSettler,
-    command: Command,
-    frame: Frame,
+    /// The robot at rest, without friction of its tendons.
+    pub(super) settler: ContactSettler,
+    pub(super) body: Body,
+    pub(super) command: Command,
+    pub(super) frame: Frame,
+    pub(super) over: Over,
+}
+
+/// What a request has changed.
+pub(super) enum Changed {
+    /// Where the robot is.
+    Pose,
+    /// The robot.
+    Robot,
 }
 
 /// Whether a page could be shown an exhibit, and if not, why.
@@ -91,29 +55,39 @@ pub(super) fn check(exhibit: &Exhibit) -> Result<(), RequestError> {
 /// Answers a page until it is gone.
 pub(super) fn run(
     exhibit: &Exhibit,
-    inbox: &mut UnboundedReceiver<Input>,
+    rig: Option<Arc<RigLimits>>,
+    inbox: &Receiver<Input>,
     outbox: &Sender<Output>,
 ) {
     // It could be shown when the server began; of a file that has changed since, only what could be shown is.
     let Ok(mut session) = Session::new(exhibit) else {
         return;
     };
+    session.over = Over::new(exhibit.overlays.clone(), rig, outbox.clone());
     let recorded = &exhibit.recorded;
     let mut answer = |output| outbox.blocking_send(output).is_ok();
-    if !(answer(session.introduce(recorded)) && answer(session.show(0.0))) {
+    let overlays = session.over.list();
+    if !(answer(overlays) && answer(session.introduce(recorded)) && answer(session.show(0.0))) {
         return;
     }
-    while let Some(first) = inbox.blocking_recv() {
-        let mut waiting = vec![first];
-        while let Ok(next) = inbox.try_recv() {
-            waiting.push(next);
-        }
+    let mut beat = Instant::now();
+    loop {
+        let Some(mut waiting) = session.wait(inbox, beat) else {
+            return;
+        };
+        waiting.extend(inbox.try_iter());
         let mut waiting = waiting.into_iter().peekable();
         while let Some(input) = waiting.next() {
             if waiting.peek().is_some_and(|later| overtakes(later, &input)) {
                 continue;
             }
             if !session.answer(input, recorded, &mut answer) {
+                return;
+            }
+        }
+        if session.moves() && Instant::now() >= beat {
+            beat = Instant::now() + BEAT;
+            if !session.go_on(&mut answer) {
                 return;
             }
         }
@@ -125,12 +99,13 @@ fn overtakes(later: &Input, input: &Input) -> bool {
         (Input::Letter(input), Input::Letter(later)) => {
             input.request.is_overtaken_by(&later.request)
         }
+        (Input::Rig(..), Input::Rig(..)) | (Input::Given(_), Input::Given(_)) => true,
         _ => false,
     }
 }
 
 impl Session {
-    fn new(exhibit: &Exhibit) -> Result<Self, RequestError> {
+    pub(super) fn new(exhibit: &Exhibit) -> Result<Self, RequestError> {
         let robot = Robot::new(exhibit.robot.clone())?;
         let command = match &exhibit.start {
             Some(start) => robot.command(start)?,
@@ -140,7 +115,7 @@ impl Session {
         Self::with(robot, exhibit.scene.clone(), exhibit.loads.clone(), command)
     }
 
-    fn with(
+    pub(super) fn with(
         robot: Robot,
         scene: Scene,
         loads: Loads,
@@ -155,11 +130,49 @@ impl Session {
             all_loads: loads.clone(),
             loads,
             settler,
+            body: Body::AtRest,
             command,
             frame: Frame::default(),
+            over: Over::default(),
         };
         session.frame.solve = begun.elapsed().as_secs_f64();
         Ok(session)
+    }
+
+    /// Whether the robot moves without being asked to.
+    fn moves(&self) -> bool {
+        matches!(self.body, Body::InMotion(_))
+    }
+
+    /// What comes next: nothing, where the robot is in motion and its time to go on has come. `None` once the page is gone.
+    fn wait(&self, inbox: &Receiver<Input>, beat: Instant) -> Option<Vec<Input>> {
+        if !self.moves() {
+            return inbox.recv().ok().map(|input| vec![input]);
+        }
+        let left = beat.saturating_duration_since(Instant::now());
+        match inbox.recv_timeout(left) {
+            Ok(input) => Some(vec![input]),
+            Err(RecvTimeoutError::Timeout) => Some(Vec::new()),
+            Err(RecvTimeoutError::Disconnected) => None,
+        }
+    }
+
+    /// Lets the robot go on in time, and shows it; whether the page is still there.
+    fn go_on(&mut self, answer: &mut impl FnMut(Output) -> bool) -> bool {
+        let begun = Instant::now();
+        if let Err(error) = self.body.go_on(&self.command, &self.all_loads) {
+            let reason = format!("{error}; the robot is shown at rest from here");
+            let of = Refused::Request;
+            if !answer(Output::Words(Reply::Refused { of, reason })) {
+                return false;
+            }
+            self.body = Body::AtRest;
+            // Where it cannot settle either, it stays where it was.
+            drop(self.settler.settle(&self.command, &self.all_loads));
+        }
+        self.frame.solve = begun.elapsed().as_secs_f64();
+        let stamp = self.frame.stamp;
+        answer(self.show(stamp))
     }
 
     /// Answers one input; whether the page is still there.
@@ -171,6 +184,14 @@ impl Session {
     ) -> bool {
         let refuse = |of, reason| Output::Words(Reply::Refused { of, reason });
         match input {
+            Input::Rig(page, seen) => self.show_rig(page, &seen, answer),
+            Input::Given(given) => {
+                let stamp = self.frame.stamp;
+                match self.take(&given) {
+                    Err(error) => answer(refuse(Refused::Request, error.to_string())),
+                    Ok(()) => answer(self.show(stamp)),
+                }
+            }
             Input::Unread(reason) => answer(refuse(Refused::Letter, reason)),
             Input::File(file) => match &*file {
                 Err(reason) => answer(refuse(Refused::Robot, reason.clone())),
@@ -180,8 +201,16 @@ impl Session {
                 },
             },
             Input::Letter(Letter { stamp, request }) => {
+                if matches!(request, Request::Pictures) {
+                    let pose = self.body.show(&self.settler).pose;
+                    let payload = self.loads.tip_payload();
+                    let seen = pictures::of(&self.robot, &self.scene, pose, &payload);
+                    return seen
+                        .into_iter()
+                        .all(|picture| answer(Output::Numbers(picture)));
+                }
                 let is_robot = matches!(request, Request::Robot { .. });
-                match self.act(request) {
+                match self.act(request, answer) {
                     Err(error) => {
                         let of = match is_robot {
                             true => Refused::Robot,
@@ -189,36 +218,48 @@ impl Session {
                         };
                         answer(refuse(of, error.to_string()))
                     }
-                    Ok(()) if is_robot => {
+                    Ok(Changed::Robot) => {
                         answer(self.introduce(recorded)) && answer(self.show(stamp))
                     }
-                    Ok(()) => answer(self.show(stamp)),
+                    Ok(Changed::Pose) => answer(self.show(stamp)),
                 }
             }
         }
     }
 
     /// Does what is asked for. What is refused changes nothing.
-    fn act(&mut self, request: Request) -> Result<(), RequestError> {
+    fn act(
+        &mut self,
+        request: Request,
+        answer: &mut impl FnMut(Output) -> bool,
+    ) -> Result<Changed, RequestError> {
         let begun = Instant::now();
+        let mut changed = Changed::Pose;
+        if self.over.is_of_rig() && !matches!(request, Request::Predict { .. }) {
+            return Err(RequestError::OfRig);
+        }
+        // A robot that was placed by the program goes on at rest when the page moves it.
+        if matches!(self.body, Body::Posed(_)) && !matches!(request, Request::Predict { .. }) {
+            self.body = Body::AtRest;
+        }
         match request {
             Request::Command { command } => {
-                let command = self.robot.command(&command)?;
-                self.settler.follow(&command, &self.all_loads)?;
-                self.command = command;
+                self.follow(self.robot.command(&command)?)?;
             }
             Request::Settle { command } => {
-                let command = self.robot.command(&command)?;
-                self.settler.settle(&command, &self.all_loads)?;
-                self.command = command;
+                self.settle(self.robot.command(&command)?)?;
             }
             Request::Drag { disc, to } => {
                 self.check_disc(disc)?;
                 if !to.iter().all(|x| x.is_finite()) {
                     return Err(RequestError::Place(to));
                 }
+                if self.moves() {
+                    self.settler.follow(&self.command, &self.all_loads)?;
+                }
                 let (command, to) = (self.command.clone(), Vector3::from(to));
                 self.command = lead(&mut self.settler, command, &self.all_loads, disc, to)?;
+                self.body.advance(&self.command, &self.all_loads);
             }
             Request::Push { disc, force } => {
                 self.check_disc(disc)?;
@@ -229,20 +270,86 @@ impl Session {
                 let pushed = self.loads.clone().with_wrench(wrench)?;
                 self.load(pushed)?;
             }
-            Request::Payload { mass } => {
-                let payload = Payload {
-                    mass,
-                    ..self.loads.tip_payload()
-                };
-                let loads = self.loads.clone().with_payload(payload)?;
-                self.load(loads.clone())?;
-                self.loads = loads;
-            }
+            Request::Payload { mass } => self.hang(mass)?,
             Request::Robot { toml } => {
                 self.change_robot(RobotSpec::from_toml(&toml, Path::new("in the editor"))?)?;
+                changed = Changed::Robot;
+            }
+            Request::Physics {
+                physics,
+                coefficient,
+            } => {
+                let physics = match physics {
+                    PhysicsName::AtRest => Physics::AtRest,
+                    PhysicsName::WithFriction => Physics::WithFriction { coefficient },
+                    PhysicsName::InMotion => Physics::InMotion { timestep: TIMESTEP },
+                };
+                self.obey(physics)?;
+            }
+            Request::Pictures => {}
+            Request::Sample { split, index } => self.show_sample(&split, index, answer)?,
+            Request::Predict { on } => self.predict(on)?,
+            Request::Moment { time } => self.show_moment(time, answer)?,
+            Request::Row { row } => {
+                self.show_row(row)?;
+                changed = Changed::Robot;
+            }
+            Request::Arm | Request::Disarm | Request::Here | Request::Shape { .. } => {
+                return Err(RequestError::Nothing("rig"));
             }
         }
         self.frame.solve = begun.elapsed().as_secs_f64();
+        Ok(changed)
+    }
+
+    /// Shows what the program gives.
+    fn take(&mut self, given: &Given) -> Result<(), RequestError> {
+        match given {
+            Given::Command(command) => {
+                if matches!(self.body, Body::Posed(_)) {
+                    self.body = Body::AtRest;
+                }
+                self.follow(self.robot.command(command.as_slice())?)
+            }
+            Given::Pose {
+                configuration,
+                command,
+            } => {
+                let command = self.robot.command(command.as_slice())?;
+                self.body = Body::posed(&self.robot, configuration, &command)?;
+                self.command = command;
+                Ok(())
+            }
+        }
+    }
+
+    /// Brings the robot to a command, settled from the straight pose.
+    pub(super) fn settle(&mut self, command: Command) -> Result<(), RequestError> {
+        self.settler.settle(&command, &self.all_loads)?;
+        self.body.reset(&command, &self.all_loads)?;
+        self.command = command;
+        Ok(())
+    }
+
+    /// Brings the robot to a command, followed from where it is.
+    pub(super) fn follow(&mut self, command: Command) -> Result<(), RequestError> {
+        if !self.moves() {
+            self.settler.follow(&command, &self.all_loads)?;
+        }
+        self.body.advance(&command, &self.all_loads);
+        self.command = command;
+        Ok(())
+    }
+
+    /// Another payload (kg).
+    pub(super) fn hang(&mut self, mass: f64) -> Result<(), RequestError> {
+        let payload = Payload {
+            mass,
+            ..self.loads.tip_payload()
+        };
+        let loads = self.loads.clone().with_payload(payload)?;
+        self.load(loads.clone())?;
+        self.loads = loads;
         Ok(())
     }
 
@@ -255,8 +362,22 @@ impl Session {
     }
 
     fn load(&mut self, loads: Loads) -> Result<(), RequestError> {
-        self.settler.follow(&self.command, &loads)?;
+        if !self.moves() {
+            self.settler.follow(&self.command, &loads)?;
+        }
+        self.body.advance(&self.command, &loads);
         self.all_loads = loads;
+        Ok(())
+    }
+
+    /// Begins anew by another physics, at rest under the command as it is.
+    fn obey(&mut self, physics: Physics) -> Result<(), RequestError> {
+        let under = (&self.command, &self.all_loads);
+        let body = Body::new(physics, &self.robot, &self.scene, under)?;
+        if self.moves() {
+            self.settler.follow(&self.command, &self.all_loads)?;
+        }
+        self.body = body;
         Ok(())
     }
 
@@ -269,65 +390,16 @@ impl Session {
             Ok(()) => self.loads.clone(),
             Err(_) => Loads::default().with_payload(self.loads.tip_payload())?,
         };
-        *self = Self::with(robot, self.scene.clone(), loads, command)?;
+        self.replace(Self::with(robot, self.scene.clone(), loads, command)?)
+    }
+
+    /// Takes another robot, its surroundings and its loads in place of these, by the same physics.
+    pub(super) fn replace(&mut self, mut changed: Self) -> Result<(), RequestError> {
+        changed.obey(self.body.physics())?;
+        changed.frame.stamp = self.frame.stamp;
+        changed.over = std::mem::take(&mut self.over);
+        *self = changed;
+        self.over.forget_robot();
         Ok(())
-    }
-
-    /// What stays the same while this robot is shown.
-    fn introduce(&self, recorded: &[Vec<f64>]) -> Output {
-        let fits = |values: &&Vec<f64>| self.robot.command(values).is_ok();
-        let recorded: Vec<Vec<f64>> = recorded.iter().filter(fits).cloned().collect();
-        let pose = self.settler.found().equilibrium.pose();
-        let layout = Layout::new(&self.robot, &self.scene, pose, &recorded);
-        Output::Words(Reply::Robot(Box::new(layout)))
-    }
-
-    /// Where the robot is, as the answer to the request of this number.
-    fn show(&mut self, stamp: f64) -> Output {
-        let found = self.settler.found();
-        let equilibrium = &found.equilibrium;
-        let frame = &mut self.frame;
-        frame.stamp = stamp;
-        frame.residual = equilibrium.residual;
-        frame.iterations = equilibrium.iterations as f64;
-        frame.converged = f64::from(u8::from(equilibrium.converged));
-        frame.tell_stability(equilibrium.stability);
-        frame.payload = self.loads.tip_payload().mass;
-        frame.tip = equilibrium
-            .positions
-            .last()
-            .copied()
-            .unwrap_or_default()
-            .into();
-        frame.command = self.command.as_slice().to_vec();
-        frame.tensions.clone_from(&equilibrium.tendon_tensions);
-        frame.lengths.clone_from(&equilibrium.tendon_lengths);
-        frame.draw(&self.robot, equilibrium.pose());
-        frame.contacts = found
-            .contacts
-            .iter()
-            .map(|contact| {
-                let partner = match (contact.partner.obstacle(), contact.partner.disc()) {
-                    (Some(obstacle), _) => obstacle as f64,
-                    (None, disc) => -1.0 - disc.unwrap_or_default() as f64,
-                };
-                let (at, normal, force) = (contact.point, contact.normal, contact.force);
-                [
-                    contact.disc as f64,
-                    partner,
-                    at.x,
-                    at.y,
-                    at.z,
-                    normal.x,
-                    normal.y,
-                    normal.z,
-                    force.x,
-                    force.y,
-                    force.z,
-                    contact.gap,
-                ]
-            })
-            .collect();
-        Output::Numbers(frame.bytes())
     }
 }

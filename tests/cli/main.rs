@@ -53,6 +53,8 @@ mod track;
 mod training;
 mod units;
 mod view;
+mod view_overlays;
+mod view_rig;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -34,7 +34,7 @@ fn listen(mut to: impl Read + Send + 'static) -> Said {
     said
 }
 
-fn send(signal: &str, id: u32) {
+pub(crate) fn send(signal: &str, id: u32) {
     let sent = Command::new("kill")
         .args([signal, &id.to_string()])
         .status();
@@ -56,7 +56,7 @@ fn wait_for<T>(child: &mut Child, mut found: impl FnMut() -> Option<T>) -> Optio
     }
 }
 
-fn ended(child: &mut Child) -> Option<i32> {
+pub(crate) fn ended(child: &mut Child) -> Option<i32> {
     let began = Instant::now();
     while child.try_wait().unwrap().is_none() {
         if began.elapsed() > Duration::from_secs(30) {
@@ -96,7 +96,7 @@ fn says_on(log: &Path) -> bool {
 }
 
 /// What servos on a port say of their motors.
-fn torques(port: &str) -> Vec<Torque> {
+pub(crate) fn torques(port: &str) -> Vec<Torque> {
     let settings = SerialSettings {
         baud_rate: 1_000_000,
         ..SerialSettings::default()

@@ -12,11 +12,11 @@ use tungstenite::{Message, WebSocket, client};
 use crate::{COMMAND, refuse, succeed_json, tdcr, text};
 
 /// Longest wait for an answer.
-const PATIENCE: Duration = Duration::from_secs(20);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A server, ended with the test.
-struct Server {
-    child: Child,
+pub(crate) struct Server {
+    pub(crate) child: Child,
     /// `127.0.0.1:PORT`.
     host: String,
     /// `/TOKEN/`.
@@ -24,7 +24,7 @@ struct Server {
 }
 
 impl Server {
-    fn start(arguments: &[&str]) -> Self {
+    pub(crate) fn start(arguments: &[&str]) -> Self {
         let mut child = tdcr(&[&["view", "--no-browser"], arguments].concat())
             .stdout(Stdio::piped())
             .spawn()
@@ -69,7 +69,7 @@ impl Server {
         line.split(' ').nth(1).unwrap().parse().unwrap()
     }
 
-    fn open(&self) -> Page {
+    pub(crate) fn open(&self) -> Page {
         let stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let address = format!("ws://{}{}socket", self.host, self.path);
@@ -85,11 +85,21 @@ impl Drop for Server {
 }
 
 /// What a page does with its socket.
-struct Page(WebSocket<TcpStream>);
+pub(crate) struct Page(pub(crate) WebSocket<TcpStream>);
 
 impl Page {
+    /// The next answer in words; frames are passed over, and the list of overlays that comes first.
+    pub(crate) fn words(&mut self) -> Value {
+        loop {
+            let words = self.next_words();
+            if words["type"] != "overlays" {
+                return words;
+            }
+        }
+    }
+
     /// The next answer in words; frames are passed over.
-    fn words(&mut self) -> Value {
+    pub(crate) fn next_words(&mut self) -> Value {
         loop {
             if let Message::Text(text) = self.0.read().unwrap() {
                 return serde_json::from_str(&text).unwrap();
@@ -97,17 +107,30 @@ impl Page {
         }
     }
 
-    /// The frame that answers a request.
-    fn ask(&mut self, stamp: f64, mut request: Value) -> Vec<f64> {
+    /// Sends a request.
+    pub(crate) fn send(&mut self, stamp: f64, mut request: Value) {
         request["stamp"] = json!(stamp);
         self.0.send(Message::text(request.to_string())).unwrap();
+    }
+
+    /// The next message of numbers whose first one, its kind, is this.
+    pub(crate) fn numbers(&mut self, kind: f64) -> Vec<u8> {
+        loop {
+            if let Message::Binary(bytes) = self.0.read().unwrap()
+                && bytes[..8] == kind.to_le_bytes()
+            {
+                return bytes.to_vec();
+            }
+        }
+    }
+
+    /// The frame that answers a request.
+    pub(crate) fn ask(&mut self, stamp: f64, request: Value) -> Vec<f64> {
+        self.send(stamp, request);
         loop {
             if let Message::Binary(bytes) = self.0.read().unwrap() {
-                let numbers = bytes.chunks_exact(8);
-                let frame: Vec<f64> = numbers
-                    .map(|b| f64::from_le_bytes(b.try_into().unwrap()))
-                    .collect();
-                if frame[0] == stamp {
+                let frame = doubles(&bytes);
+                if frame[0] == 0.0 && frame[1] == stamp {
                     return frame;
                 }
             }
@@ -115,12 +138,19 @@ impl Page {
     }
 }
 
-/// Where the tip is in a frame (m).
-fn tip(frame: &[f64]) -> [f64; 3] {
-    [frame[7], frame[8], frame[9]]
+pub(crate) fn doubles(bytes: &[u8]) -> Vec<f64> {
+    let numbers = bytes.chunks_exact(8);
+    numbers
+        .map(|b| f64::from_le_bytes(b.try_into().unwrap()))
+        .collect()
 }
 
-fn distance(one: [f64; 3], other: [f64; 3]) -> f64 {
+/// Where the tip is in a frame (m).
+pub(crate) fn tip(frame: &[f64]) -> [f64; 3] {
+    [frame[11], frame[12], frame[13]]
+}
+
+pub(crate) fn distance(one: [f64; 3], other: [f64; 3]) -> f64 {
     one.iter()
         .zip(other)
         .map(|(a, b)| (a - b).powi(2))
@@ -188,7 +218,7 @@ fn a_command_moves_the_robot_to_where_settle_has_it_and_a_dragged_disc_arrives()
         "{:?}, not {expected:?}",
         tip(&frame)
     );
-    assert_eq!(frame[4], 1.0, "it settles");
+    assert_eq!(frame[5], 1.0, "it settles");
 
     let to = [expected[0] + 0.01, expected[1] - 0.01, expected[2]];
     let mut dragged = frame;
@@ -221,6 +251,94 @@ fn a_push_ends_with_the_hand_and_leaves_the_loads_that_were_given() {
     assert!(distance(tip(&pushed), tip(&at_rest)) > 1e-3);
     let let_go = page.ask(3.0, json!({"type": "push", "disc": 9, "force": [0, 0, 0]}));
     assert!(distance(tip(&let_go), tip(&at_rest)) < 1e-9);
+}
+
+#[test]
+fn a_push_in_motion_swings_the_robot_and_it_comes_to_rest_where_it_was() {
+    let server = Server::start(&["--command", COMMAND]);
+    let mut page = server.open();
+    page.words();
+    let rest = page.ask(1.0, json!({"type": "payload", "mass": 0.0}));
+    page.ask(2.0, json!({"type": "physics", "physics": "in_motion"}));
+    page.ask(
+        3.0,
+        json!({"type": "push", "disc": 9, "force": [0, 0.2, 0]}),
+    );
+    let mut farthest = 0.0_f64;
+    let mut last = rest.clone();
+    let mut let_go = false;
+    // Frames come without being asked for: the robot swings out, and back when it is let go.
+    let begun = Instant::now();
+    while begun.elapsed() < PATIENCE {
+        let frame = doubles(&page.numbers(0.0));
+        assert_eq!(frame[8], 2.0, "in motion");
+        farthest = farthest.max(distance(tip(&frame), tip(&rest)));
+        if frame[9] > 0.5 && !let_go {
+            page.ask(4.0, json!({"type": "push", "disc": 9, "force": [0, 0, 0]}));
+            let_go = true;
+        }
+        last = frame;
+        if last[9] > 3.0 && distance(tip(&last), tip(&rest)) < 1e-4 {
+            break;
+        }
+    }
+    assert!(farthest > 5e-3, "{farthest} m");
+    assert!(distance(tip(&last), tip(&rest)) < 1e-4, "{:?}", tip(&last));
+    let settled = page.ask(5.0, json!({"type": "physics", "physics": "at_rest"}));
+    assert_eq!(settled[8], 0.0);
+    assert!(distance(tip(&settled), tip(&rest)) < 1e-6);
+}
+
+#[test]
+fn friction_holds_the_robot_back_and_is_refused_among_obstacles() {
+    let server = Server::start(&[]);
+    let mut page = server.open();
+    page.words();
+    let bent: Vec<f64> = COMMAND.split(',').map(|c| c.parse().unwrap()).collect();
+    let free = page.ask(1.0, json!({"type": "command", "command": bent}));
+    page.ask(2.0, json!({"type": "settle", "command": vec![0.02; 6]}));
+    let friction = json!({"type": "physics", "physics": "with_friction", "coefficient": 0.3});
+    page.ask(3.0, friction.clone());
+    let rubbed = page.ask(4.0, json!({"type": "command", "command": bent}));
+    assert_eq!(rubbed[8], 1.0);
+    let apart = distance(tip(&free), tip(&rubbed));
+    assert!(apart > 1e-3, "{apart} m");
+
+    let among = Server::start(&[
+        "--scene",
+        concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/shelf.toml"),
+    ]);
+    let mut page = among.open();
+    page.words();
+    page.send(1.0, friction);
+    let refused = page.words();
+    assert!(
+        refused["reason"]
+            .as_str()
+            .unwrap()
+            .contains("without obstacles")
+    );
+}
+
+#[test]
+fn every_camera_gives_a_picture_in_which_the_robot_is_seen() {
+    let server = Server::start(&[]);
+    let mut page = server.open();
+    let count = page.words()["cameras"].as_u64().unwrap();
+    assert_eq!(count, 8);
+    page.send(1.0, json!({"type": "pictures"}));
+    for camera in 0..count {
+        let message = page.numbers(2.0);
+        let head = doubles(&message[..40]);
+        assert_eq!(head[1], camera as f64);
+        let (width, height) = (head[3] as usize, head[4] as usize);
+        let pixels = &message[40..];
+        assert_eq!(pixels.len(), 3 * width * height);
+        let background = &pixels[..3];
+        let robot = pixels.chunks_exact(3).filter(|p| *p != background).count();
+        let share = robot as f64 / (width * height) as f64;
+        assert!((0.005..0.5).contains(&share), "camera {camera}: {share}");
+    }
 }
 
 #[test]

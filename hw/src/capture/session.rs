@@ -139,9 +139,24 @@ impl<'a> Session<'a> {
     /// # Errors
     /// [`CaptureError::Plan`] where it cannot be reached, and nothing has moved; else as [`sample`](Self::sample).
     pub fn visit(&mut self, shape: Shape) -> Result<(), CaptureError> {
+        self.visit_watched(shape, &mut |_| {})
+    }
+
+    /// The same; `seen` is told after each step what the servos do.
+    ///
+    /// # Errors
+    /// As [`visit`](Self::visit).
+    pub fn visit_watched(
+        &mut self,
+        shape: Shape,
+        seen: &mut dyn FnMut(&[WinchState]),
+    ) -> Result<(), CaptureError> {
         let (program, at) = (&mut self.program, &self.at);
         let path = self.rig.hold_while(|| program.path(at, &shape))??;
-        self.rig.move_along(&path, self.go_on)?;
+        for command in &path {
+            self.rig.move_along([command], self.go_on)?;
+            seen(self.rig.last_states().unwrap_or_default());
+        }
         self.at = shape;
         Ok(())
     }

@@ -6,7 +6,7 @@
  * @param {{min: number, max: number, step: number}} range
  * @param {(value: number) => void} moved
  */
-function slider(name, { min, max, step }, moved) {
+export function slider(name, { min, max, step }, moved) {
   const row = document.createElement("label");
   row.className = "row";
   const title = document.createElement("span");

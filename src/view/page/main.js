@@ -1,14 +1,18 @@
 // The page: a stage, controls and read-outs on one link to the solver.
 
+import { Cameras } from "./cameras.js";
 import { Controls } from "./controls.js";
 import { Link } from "./link.js";
+import { Log, Network, Samples } from "./overlays.js";
+import { PhysicsChoice } from "./physics.js";
+import { RigPanel } from "./rig.js";
 import { Readout } from "./readout.js";
+import { RobotFile } from "./robot_file.js";
 import { Stage } from "./stage.js";
+import { StudyFigure } from "./study.js";
 
 /** Time between two commands that are played (ms). */
 const BEAT = 40;
-/** Time that the editor waits for the next key (ms). */
-const TYPED = 300;
 
 const get = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
 const status = get("status");
@@ -31,7 +35,7 @@ const past = [];
 let kept = [];
 /** @type {number | undefined} */
 let playing;
-let isEdited = false;
+let isRecording = false;
 
 const link = new Link({
   robot(shown) {
@@ -41,20 +45,44 @@ const link = new Link({
     stage.show(shown);
     controls.show(shown);
     readout.show(shown);
-    if (!isEdited) get("toml").value = shown.toml ?? "";
-    get("toml-error").hidden = true;
+    physics.show(shown);
+    cameras.show(shown);
+    file.show(shown.toml);
     kept = shown.recorded.length > 0 ? shown.recorded : kept.filter((one) => one.length === shown.tendons.length);
     start = undefined;
     past.length = 0;
     tellKept();
     say("");
   },
+  picture: (picture) => cameras.draw(picture),
+  overlays(overlays) {
+    samples.show(overlays.data);
+    log.show(overlays.log);
+    study.show(overlays.study);
+    network.show(overlays.model);
+    rig.show(overlays.rig);
+    stage.isFree = overlays.rig === null;
+  },
+  rig: (seen) => rig.hear(seen),
+  moment: (moment) => log.tell(moment),
+  cloud(cloud) {
+    if (cloud.role === "prediction" && !network.on) return;
+    stage.cloud(cloud);
+    if (cloud.role === "sample") samples.tell(cloud);
+    if (cloud.role === "prediction") network.tell(cloud);
+    if (cloud.role === "measured") rig.look(cloud);
+  },
   frame(frame, trip) {
+    if (isRecording && !frame.command.every((value, index) => value === command[index])) {
+      kept.push(frame.command);
+      tellKept();
+    }
     command = frame.command;
     start ??= frame.command;
     stage.move(frame);
     controls.move(frame.command);
     readout.move(frame, trip);
+    physics.move(frame);
     get("payload").value = frame.payload;
     get("payload-value").textContent = `${(1e3 * frame.payload).toFixed(0)} g`;
     get("undo").disabled = past.length === 0;
@@ -62,11 +90,8 @@ const link = new Link({
     if (!frame.converged) say("the robot does not settle under this command", true);
   },
   refused(of, reason) {
-    if (of === "robot") {
-      get("toml-error").textContent = reason;
-      get("toml-error").hidden = false;
-      get("toml-error").closest("details").open = true;
-    }
+    if (of === "robot") file.refuse(reason);
+    if (of === "prediction") network.off();
     say(reason, true);
   },
   lost() {
@@ -93,7 +118,28 @@ const controls = new Controls({ tendons: get("tendons"), modules: get("modules")
   begin,
   command: (values) => link.ask({ type: "command", command: values }),
 });
-const readout = new Readout({ readings: get("readings"), plot: get("plot"), contacts: get("contacts"), section: get("contacts-section") });
+const readout = new Readout({
+  title: get("state"), readings: get("readings"), plot: get("plot"), plotted: get("plotted"), legend: get("legend"),
+  contacts: get("contacts"), section: get("contacts-section"),
+});
+const physics = new PhysicsChoice(
+  { choice: get("physics"), row: get("friction-row"), friction: get("friction"), value: get("friction-value") },
+  (chosen, coefficient) => link.ask({ type: "physics", physics: chosen, coefficient }),
+);
+const cameras = new Cameras(
+  { section: get("cameras-section"), pictures: get("pictures"), live: get("live"), look: get("look") },
+  () => link.ask({ type: "pictures" }),
+);
+
+const samples = new Samples((split, index) => { begin(); link.ask({ type: "sample", split, index }); }, () => stage.hide("sample"));
+const network = new Network((on) => link.ask({ type: "predict", on }), () => stage.hide("prediction"));
+const log = new Log((time) => link.ask({ type: "moment", time }));
+const file = new RobotFile(
+  { text: get("toml"), error: get("toml-error"), mark: get("toml-mark"), section: get("robot-section") },
+  (toml) => link.ask({ type: "robot", toml }),
+);
+const rig = new RigPanel((order) => link.tell(order));
+export const study = new StudyFigure((row) => link.ask({ type: "row", row }));
 
 function undo() {
   const before = past.pop();
@@ -108,7 +154,7 @@ function reset() {
 
 function tellKept() {
   get("kept").textContent = kept.length === 0 ? "no commands kept" : `${kept.length} commands kept`;
-  for (const id of ["play", "save-commands"]) get(id).disabled = kept.length === 0;
+  for (const id of ["play", "save-commands", "clear"]) get(id).disabled = kept.length === 0;
 }
 
 function stop() {
@@ -140,6 +186,11 @@ function save(blob, name) {
 get("undo").onclick = undo;
 get("reset").onclick = reset;
 get("keep").onclick = () => { kept.push(command); tellKept(); };
+get("record").onclick = () => {
+  isRecording = !isRecording;
+  get("record").textContent = isRecording ? "Stop recording" : "Record";
+};
+get("clear").onclick = () => { kept = []; stop(); tellKept(); };
 get("play").onclick = play;
 get("save-commands").onclick = () => {
   const header = layout.tendons.map(({ unit }, index) => `c${index} (${unit})`).join(",");
@@ -152,16 +203,9 @@ get("save-picture").onclick = async () => {
 get("save-robot").onclick = () => save(new Blob([get("toml").value], { type: "application/toml" }), `${layout.name}.toml`);
 get("payload").addEventListener("input", () => link.ask({ type: "payload", mass: get("payload").valueAsNumber }));
 
-/** @type {number | undefined} */
-let typing;
-get("toml").addEventListener("input", () => {
-  isEdited = true;
-  clearTimeout(typing);
-  typing = setTimeout(() => link.ask({ type: "robot", toml: get("toml").value }), TYPED);
-});
 addEventListener("keydown", (event) => {
   const isTyping = event.target instanceof HTMLTextAreaElement;
-  if (isTyping) return;
+  if (isTyping || !stage.isFree) return;
   if ((event.ctrlKey || event.metaKey) && event.key === "z") {
     event.preventDefault();
     undo();

@@ -55,7 +55,7 @@ export function put(object, pose, at = 0) {
 /** @param {THREE.Object3D} object */
 export function dispose(object) {
   object.traverse((part) => {
-    if (part instanceof THREE.Mesh || part instanceof THREE.Line) {
+    if (part instanceof THREE.Mesh || part instanceof THREE.Line || part instanceof THREE.Points) {
       part.geometry.dispose();
       part.material.dispose();
     }

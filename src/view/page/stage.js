@@ -14,7 +14,7 @@ export class Stage {
   /**
    * @param {HTMLElement} place
    * @param {{drag: (disc: number, to: number[]) => void, push: (disc: number, force: number[]) => void,
-   *   grab: () => void, release: (disc: number, pushed: boolean) => void}} hand
+   *   grab: () => void, release: (disc: number, pushed: boolean) => void}} hand what the hand does
    */
   constructor(place, hand) {
     this.place = place;
@@ -32,13 +32,17 @@ export class Stage {
     this.robot = new THREE.Group();
     this.obstacles = new THREE.Group();
     this.marks = new THREE.Group();
+    /** @type {Map<string, THREE.Points<THREE.BufferGeometry, THREE.PointsMaterial>>} */
+    this.clouds = new Map();
     this.scene.add(this.robot, this.obstacles, this.marks);
     /** @type {THREE.Mesh[]} */
     this.solids = [];
     /** @type {THREE.Line<THREE.BufferGeometry, THREE.LineBasicMaterial>[]} */
     this.tendons = [];
-    /** @type {{disc: number, pushed: boolean, plane: THREE.Plane} | null} */
+    /** @type {{disc: number, pushed: boolean, plane: THREE.Plane, to?: THREE.Vector3} | null} */
     this.held = null;
+    /** Whether discs can be dragged. */
+    this.isFree = true;
     this.follow();
     const resize = () => this.resize();
     new ResizeObserver(resize).observe(place);
@@ -90,6 +94,7 @@ export class Stage {
     });
     this.ball = mesh({ shape: { kind: "sphere", radius: 1 }, color: [150, 155, 165], disc: null });
     this.robot.add(...this.solids, ...this.tendons, this.ball);
+    this.fade();
     for (const obstacle of layout.obstacles) {
       const made = mesh(obstacle, { opacity: 0.45 });
       put(made, obstacle.pose);
@@ -124,6 +129,52 @@ export class Stage {
       this.look(frame);
     }
     this.last = frame;
+    this.dirty = true;
+    // In motion a disc moves under a hand that is still.
+    if (frame.physics === "in_motion") this.push();
+  }
+
+  /** Pushes the disc that is held with Shift, by the hand's distance from it. */
+  push() {
+    if (this.held === null || !this.held.pushed || this.held.to === undefined) return;
+    const { disc, to } = this.held;
+    const solid = this.solids.find((one) => one.userData.disc === disc);
+    if (solid !== undefined) this.hand.push(disc, to.clone().sub(solid.position).multiplyScalar(PUSH).toArray());
+  }
+
+  /** Shows a cloud in place of the one before of its role. @param {import("./link.js").Cloud} cloud */
+  cloud({ role, points, colors }) {
+    this.hide(role);
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
+    if (role !== "prediction") geometry.setAttribute("color", new THREE.BufferAttribute(colors, 3, true));
+    // Predicted points are told from those that cameras saw.
+    const paint = role === "prediction" ? { color: 0xd6336c } : { vertexColors: true };
+    const made = new THREE.Points(geometry, new THREE.PointsMaterial({ size: 3, sizeAttenuation: false, ...paint }));
+    made.frustumCulled = false;
+    this.clouds.set(role, made);
+    this.scene.add(made);
+    this.fade();
+  }
+
+  /** @param {import("./link.js").Role} role */
+  hide(role) {
+    const before = this.clouds.get(role);
+    if (before === undefined) return;
+    dispose(before);
+    this.scene.remove(before);
+    this.clouds.delete(role);
+    this.fade();
+  }
+
+  /** The robot lets its clouds be seen through it. */
+  fade() {
+    const opacity = this.clouds.size > 0 ? 0.3 : 1;
+    for (const { material } of this.solids) {
+      Object.assign(/** @type {THREE.Material} */ (material), {
+        opacity, transparent: opacity < 1, depthWrite: opacity === 1, needsUpdate: true,
+      });
+    }
     this.dirty = true;
   }
 
@@ -177,6 +228,7 @@ export class Stage {
       ray.setFromCamera(new THREE.Vector2(x, y), this.camera);
     };
     canvas.addEventListener("pointerdown", (event) => {
+      if (!this.isFree) return;
       aim(event);
       const discs = this.solids.filter((solid) => solid.userData.disc !== null);
       const [hit] = ray.intersectObjects(discs, false);
@@ -194,13 +246,9 @@ export class Stage {
       aim(event);
       const to = ray.ray.intersectPlane(this.held.plane, new THREE.Vector3());
       if (to === null) return;
-      const { disc, pushed } = this.held;
-      if (pushed) {
-        const solid = this.solids.find((one) => one.userData.disc === disc);
-        this.hand.push(disc, to.sub(solid.position).multiplyScalar(PUSH).toArray());
-      } else {
-        this.hand.drag(disc, to.toArray());
-      }
+      this.held.to = to;
+      if (this.held.pushed) this.push();
+      else this.hand.drag(this.held.disc, to.toArray());
     });
     const release = () => {
       if (this.held === null) return;

@@ -212,7 +212,11 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
             | {"payload": 0.0, "friction": 0.0, "backlash": 0.0, "gain_error": 0.0, "delay": 0.0, "noise": 0.0}
             | {"tension_noise": 0.0, "timestep": None, "start": None, "seed": 0, "report": None},
         ),
-        (tdcr.view, {"robot": ROBOT, "payload": None, "command": COMMAND, "scene": SCENE, "loads": None, "port": 0}),
+        (
+            tdcr.view,
+            {"robot": ROBOT, "payload": None, "command": COMMAND, "commands": [COMMAND], "scene": SCENE, "loads": None, "port": 0}
+            | {"data": missing, "model": missing, "log": missing, "study": missing, "rig": None},
+        ),
         (tdcr.Rig, {"path": missing, "real_time": False}),
         (tdcr.demo, {"out": out, "samples": 1, "steps": 0, "precision": None, "symmetry": "auto", "seed": 0, "progress": None}),
     ]
