@@ -4,7 +4,9 @@
 //! problem that Newton's method solves in O(n) an iteration, whatever the number of contacts (`problem`). Gaps are those at the begin of
 //! the step and change with the velocities to first order.
 
+mod coupled;
 mod law;
+mod objects;
 mod problem;
 mod start;
 
@@ -12,7 +14,9 @@ pub use law::{ContactLaw, Impedance};
 
 use nalgebra::{Matrix3, Vector3};
 
+use self::coupled::{Opposite, Responds, Side};
 use self::law::Push;
+use self::objects::Objects;
 use self::problem::{DiscVelocities, Problem, Touch};
 use super::equations::REACH;
 use super::law::STIFFEST;
@@ -20,6 +24,7 @@ use super::near::{Near, Neighbourhood};
 use super::{Activity, Contact, Partner};
 use crate::dynamics::{DynamicsError, Energy, Reaction, Resistance, State, Stepper};
 use crate::geometry::Beads;
+use crate::objects::{Body, ObjectState};
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
 
@@ -28,8 +33,10 @@ const LEAST: f64 = 0.02;
 /// How often a step is solved again with contacts farther away among its own, where it moved a disc so far.
 const MAX_REACHES: usize = 6;
 
-/// Moves states of one robot among the obstacles of one scene, which stay where they are. In a scene without obstacles this is the
-/// [`Stepper`] that it is made of, to the last bit.
+/// Moves states of one robot among the obstacles of one scene. Those with a mass move along: they are the stepper's [`objects`].
+/// The others stay where they are. In a scene without obstacles this is the [`Stepper`] that it is made of, to the last bit.
+///
+/// [`objects`]: Self::objects
 ///
 /// ```
 /// use tdcr_sim::contact::{ContactLaw, ContactStepper};
@@ -61,6 +68,7 @@ pub struct ContactStepper {
     reach: f64,
     /// Of each disc, inverse inertance of its centre of mass in the straight pose (1/kg).
     mobilities: Vec<f64>,
+    objects: Objects,
     neighbourhood: Neighbourhood,
     problem: Problem,
     /// Centres of the joints at the begin of the step (m).
@@ -81,7 +89,8 @@ impl ContactStepper {
     /// Steps of `stepper` among the obstacles of `scene`, with the collision geometry [`Beads::new`].
     ///
     /// # Errors
-    /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles.
+    /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles;
+    /// [`DynamicsError::Objects`] for objects that cannot move.
     pub fn new(stepper: Stepper, scene: &Scene, law: ContactLaw) -> Result<Self, DynamicsError> {
         let beads = Beads::new(stepper.robot());
         Self::with_beads(stepper, scene, law, beads)
@@ -105,6 +114,8 @@ impl ContactStepper {
                 mobilities = mobilities_of(&mut stepper)?;
             }
         }
+        let gravity = stepper.robot().gravity();
+        let objects = Objects::new(scene, gravity, stepper.timestep())?;
         let zeros = vec![Vector3::zeros(); n];
         Ok(Self {
             reach: REACH * (0..n).map(|disc| beads.enclosing(disc)).fold(0.0, f64::max),
@@ -113,6 +124,7 @@ impl ContactStepper {
             beads,
             law,
             mobilities,
+            objects,
             neighbourhood: Neighbourhood::default(),
             problem: Problem::default(),
             centres: Vec::with_capacity(n),
@@ -136,9 +148,25 @@ impl ContactStepper {
         self.stepper.robot()
     }
 
-    /// The scene.
+    /// The scene as it stands: objects are where they are now.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// Where the scene's objects are and how they move, in the order of [`Scene::objects`].
+    pub fn objects(&self) -> &[ObjectState] {
+        self.objects.states()
+    }
+
+    /// Places the objects in states, one for each in the order of [`Scene::objects`], or where `None` as the scene had them at first.
+    /// What comes then is a function of these states: impulses of earlier steps, from which rapier begins its search, are forgotten.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Objects`] for states of other objects, or not finite.
+    pub fn place_objects(&mut self, states: Option<&[ObjectState]>) -> Result<(), DynamicsError> {
+        self.objects.restart(states)?;
+        self.follow_objects();
+        Ok(())
     }
 
     /// The robot's collision geometry.
@@ -181,11 +209,34 @@ impl ContactStepper {
         let (resistance, free, rates) = (self.resistance(), &mut self.free, &mut self.rates);
         (self.stepper).free_rates((state, command), resistance, free, rates);
         self.change.fill(Vector3::zeros());
+        self.problem.movables.all.clear();
         if self.free.iter().all(|rate| rate.norm_squared().is_finite()) {
             self.touch(loads);
             self.report();
         }
-        self.stepper.finish(state, &self.change)
+        (self.objects).take(&self.problem.movables, &self.problem.touches);
+        self.stepper.finish(state, &self.change)?;
+        if !self.objects.are_none() {
+            self.objects.step()?;
+            self.follow_objects();
+        }
+        Ok(())
+    }
+
+    /// Takes the objects' poses into the scene.
+    fn follow_objects(&mut self) {
+        if self.objects.are_none() {
+            return;
+        }
+        let obstacles = self.scene.obstacles_mut();
+        for (body, state) in self.objects.bodies().iter().zip(self.objects.states()) {
+            let obstacle = &mut obstacles[body.obstacle];
+            if obstacle.pose != state.pose {
+                obstacle.pose = state.pose;
+                let n = self.free.len();
+                self.neighbourhood.forget(body.obstacle, n);
+            }
+        }
     }
 
     /// Energy of `state` under `command` and `loads`, with that of pressed surfaces of [`ContactLaw::Compliant`] in the potential.
@@ -229,7 +280,8 @@ impl ContactStepper {
         self.starts.set(&self.centres, &self.rates);
         self.motions.set(&self.centres, &self.free);
         // What no disc reaches in the step does nothing in it.
-        let mut reach = (2.0 * self.farthest() * window).max(LEAST * self.reach);
+        let fastest = self.farthest() + self.objects.fastest(&self.problem.movables);
+        let mut reach = (2.0 * fastest * window).max(LEAST * self.reach);
         for _ in 0..MAX_REACHES {
             let chain = &self.stepper.posture().chain;
             let (beads, scene) = (&self.beads, &self.scene);
@@ -245,7 +297,8 @@ impl ContactStepper {
             let rates = self.rates.iter_mut().zip(&self.free).zip(&self.change);
             rates.for_each(|((rate, free), change)| *rate = free + change);
             self.motions.set(&self.centres, &self.rates);
-            let farthest = self.farthest() * window;
+            let fastest = self.farthest() + self.objects.fastest(&self.problem.movables);
+            let farthest = fastest * window;
             if farthest <= reach || !farthest.is_finite() {
                 return;
             }
@@ -264,16 +317,36 @@ impl ContactStepper {
     }
 
     fn set_touches(&mut self) {
-        self.problem.touches.clear();
+        let problem = &mut self.problem;
+        problem.touches.clear();
+        problem.movables.all.clear();
         for near in &self.neighbourhood.near {
-            if let Some(touch) = self.touch_of(near) {
-                self.problem.touches.push(touch);
+            let object = self.objects.of_obstacle(near.obstacle);
+            let Some(mut touch) = self.touch_of(near, object.map(|(_, body)| body)) else {
+                continue;
+            };
+            if let Some((number, body)) = object {
+                let object = self.problem.movables.place(number, body);
+                let arm = self.place_of(near) - body.centre;
+                touch.against = Some(Opposite { object, arm });
             }
+            self.problem.touches.push(touch);
         }
+        let h = self.stepper.timestep();
+        let Problem {
+            movables, touches, ..
+        } = &mut self.problem;
+        self.objects.add_meetings(h, movables, touches);
     }
 
-    /// A bead near an obstacle as the problem has it; none if the law takes no notice of it.
-    fn touch_of(&self, near: &Near) -> Option<Touch> {
+    /// Where a bead is nearest to the surface that it is near (m).
+    fn place_of(&self, near: &Near) -> Vector3<f64> {
+        let normal = near.normal.try_normalize(0.0).unwrap_or(near.normal);
+        near.centre - normal * (near.gap + near.bead.radius)
+    }
+
+    /// A bead near an obstacle, which may be an object, as the problem has it; none if the law takes no notice of it.
+    fn touch_of(&self, near: &Near, object: Option<&Body>) -> Option<Touch> {
         let h = self.stepper.timestep();
         let disc = near.bead.disc;
         let obstacle = &self.scene.obstacles()[near.obstacle];
@@ -286,13 +359,23 @@ impl ContactStepper {
             }
             ContactLaw::Impedance(_) if near.gap > 0.0 => return None,
             ContactLaw::Impedance(law) => {
-                let speed = near.normal.dot(&self.starts.of(disc, &arm));
-                (law.push(near.gap, speed, self.mobilities[disc], h), 0.0)
+                let mut speed = near.normal.dot(&self.starts.of(disc, &arm));
+                let mut mobility = self.mobilities[disc];
+                if let Some(body) = object {
+                    let arm = self.place_of(near) - body.centre;
+                    speed -= near.normal.dot(&body.twist.at(&arm));
+                    mobility += 1.0 / body.mass;
+                }
+                (law.push(near.gap, speed, mobility, h), 0.0)
             }
         };
-        let free = self.motions.of(disc, &arm);
+        let mut free = self.motions.of(disc, &arm);
+        if let Some(body) = object {
+            free -= body.free.at(&(self.place_of(near) - body.centre));
+        }
         Some(Touch {
-            disc,
+            on: Side::Disc(disc),
+            against: None,
             obstacle: near.obstacle,
             gap: near.gap,
             gradient: near.normal,
@@ -310,11 +393,14 @@ impl ContactStepper {
     /// Solves the problem, and takes the change of the rates.
     fn solve(&mut self, loads: &Loads) {
         let resistance = self.resistance();
-        let stepper = &mut self.stepper;
-        let solved = self.problem.solve(&self.centres, |reactions, out| {
-            stepper.respond(loads, resistance, reactions, out);
-        });
+        let mut robot = StepResponse {
+            stepper: &mut self.stepper,
+            loads,
+            resistance,
+        };
+        let solved = self.problem.solve(&self.centres, &mut robot);
         self.unsolved += usize::from(!solved);
+        let stepper = robot.stepper;
         match resistance {
             Resistance::Step => self.change.copy_from_slice(&self.problem.change),
             Resistance::Inertia => {
@@ -327,16 +413,44 @@ impl ContactStepper {
     fn report(&mut self) {
         let (h, chain) = (self.stepper.timestep(), &self.stepper.posture().chain);
         let touches = self.problem.touches.iter().filter(|touch| touch.acts());
-        self.contacts.extend(touches.map(|touch| Contact {
-            disc: touch.disc,
-            partner: Partner::Obstacle(touch.obstacle),
-            point: chain.centres[touch.disc] + touch.arm,
-            normal: touch.normal,
-            gap: touch.gap + h * touch.gradient.dot(&self.motions.of(touch.disc, &touch.arm)),
-            force: touch.impulse / h,
-            activity: Activity::Strict,
-            sliding: touch.sliding(),
-        }));
+        for touch in touches {
+            let Side::Disc(disc) = touch.on else { continue };
+            let mut velocity = self.motions.of(disc, &touch.arm);
+            if let Some(Opposite { object, arm }) = &touch.against {
+                velocity -= self.problem.movables.all[*object].velocity(arm);
+            }
+            self.contacts.push(Contact {
+                disc,
+                partner: Partner::Obstacle(touch.obstacle),
+                point: chain.centres[disc] + touch.arm,
+                normal: touch.normal,
+                gap: touch.gap + h * touch.gradient.dot(&velocity),
+                force: touch.impulse / h,
+                activity: Activity::Strict,
+                sliding: touch.sliding(),
+            });
+        }
+    }
+}
+
+/// How the rates at the end of a step that was begun respond to impulses.
+struct StepResponse<'a> {
+    stepper: &'a mut Stepper,
+    loads: &'a Loads,
+    resistance: Resistance,
+}
+
+impl Responds for StepResponse<'_> {
+    fn respond(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
+        (self.stepper).respond(self.loads, self.resistance, reactions, out);
+    }
+
+    fn respond_keeping(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
+        (self.stepper).respond_keeping(self.loads, self.resistance, reactions, out);
+    }
+
+    fn respond_again(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
+        self.stepper.respond_again(self.resistance, reactions, out);
     }
 }
 

@@ -13,6 +13,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::super::Sliding;
+use super::coupled::{Movables, Opposite, Responds, Side};
 use super::law::Push;
 use crate::dynamics::Reaction;
 
@@ -30,17 +31,20 @@ const SAME_BOUND: f64 = 1e-6;
 const FLAT: f64 = 1e-3;
 const MAX_TRIALS: usize = 60;
 
-/// A point at which a disc touches or soon may.
+/// A point at which a disc touches, or an object, or soon may.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Touch {
-    pub disc: usize,
+    /// What the impulse acts on, and which object the opposite one acts on, if any.
+    pub on: Side,
+    pub against: Option<Opposite>,
+    /// The obstacle that a disc touches.
     pub obstacle: usize,
     /// Gap (m) at the begin of the step, and its gradient by the bead's centre.
     pub gap: f64,
     pub gradient: Vector3<f64>,
     /// That gradient's direction.
     pub normal: Vector3<f64>,
-    /// The point from the centre of the disc's joint, world axes (m).
+    /// The point from the centre of the disc's joint, or from that of the object's mass, world axes (m).
     pub arm: Vector3<f64>,
     pub push: Push,
     /// Coefficient of friction, and the bound of its impulse (N s).
@@ -107,6 +111,12 @@ impl Touch {
         }
     }
 
+    /// Whether a disc touches the object at a place of the problem here.
+    pub fn is_of_robot(&self, object: usize) -> bool {
+        let against = self.against.is_some_and(|other| other.object == object);
+        against && matches!(self.on, Side::Disc(_))
+    }
+
     /// Whether it does anything.
     pub fn acts(&self) -> bool {
         self.impulse != Vector3::zeros()
@@ -124,6 +134,10 @@ pub(super) struct Problem {
     /// Of each contact, what an iteration changes velocity and impulse by.
     steps: Vec<[Vector3<f64>; 2]>,
     spatial: DiscVelocities,
+    /// The objects that contacts are with.
+    pub movables: Movables,
+    /// Of each contact, impulse at the velocity without contacts, and inertance.
+    laws: Vec<(Vector3<f64>, Matrix3<f64>)>,
 }
 
 /// Turns (rad/s) of discs and velocities of their joints' centres (m/s), world axes.
@@ -154,19 +168,16 @@ impl DiscVelocities {
 
 impl Problem {
     /// Solves the problem, whose contacts stand at the velocities without them: bounds of friction, and the velocities under each.
-    /// `respond` writes the change of the joints' rates by reactions. Whether it is solved.
-    pub fn solve(
-        &mut self,
-        centres: &[Vector3<f64>],
-        mut respond: impl FnMut(&[Reaction], &mut [Vector3<f64>]),
-    ) -> bool {
+    /// `robot` says how the joints' rates change by reactions. Whether it is solved.
+    pub fn solve(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> bool {
         let zero = Vector3::zeros();
+        self.movables.release();
         for buffer in [&mut self.change, &mut self.trial] {
             buffer.clear();
             buffer.resize(centres.len(), zero);
         }
         self.reactions.resize(centres.len(), Reaction::default());
-        let mut solved = self.minimise(centres, &mut respond);
+        let mut solved = self.minimise(centres, robot);
         if self.touches.iter().all(|touch| touch.friction == 0.0) {
             return solved;
         }
@@ -174,7 +185,7 @@ impl Problem {
             if !self.follow_bounds() {
                 return solved;
             }
-            solved = self.minimise(centres, &mut respond);
+            solved = self.minimise(centres, robot);
         }
         solved
     }
@@ -193,16 +204,12 @@ impl Problem {
     }
 
     /// Newton's method from where the contacts stand.
-    fn minimise(
-        &mut self,
-        centres: &[Vector3<f64>],
-        respond: &mut impl FnMut(&[Reaction], &mut [Vector3<f64>]),
-    ) -> bool {
+    fn minimise(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> bool {
         for _ in 0..MAX_ITERATIONS {
             if self.is_solved() {
                 return true;
             }
-            self.newton_step(centres, respond);
+            self.newton_step(centres, robot);
             let share = self.line_search();
             if share.is_nan() {
                 return false;
@@ -214,6 +221,7 @@ impl Problem {
             for (change, trial) in self.change.iter_mut().zip(&self.trial) {
                 *change += (trial - *change) * share;
             }
+            self.movables.take(share);
         }
         self.is_solved()
     }
@@ -229,23 +237,36 @@ impl Problem {
     }
 
     /// Solves the problem with the impulses linearised at their velocities.
-    fn newton_step(
-        &mut self,
-        centres: &[Vector3<f64>],
-        respond: &mut impl FnMut(&[Reaction], &mut [Vector3<f64>]),
-    ) {
+    fn newton_step(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) {
         self.reactions.fill(Reaction::default());
         self.steps.clear();
+        self.laws.clear();
         for touch in &self.touches {
             let Response { impulse, inertance } = touch.response();
             let at_rest = impulse + inertance * (touch.velocity - touch.free);
-            self.reactions[touch.disc].push(&touch.arm, &at_rest, &inertance);
+            if let Side::Disc(disc) = touch.on {
+                self.reactions[disc].push(&touch.arm, &at_rest, &inertance);
+            }
+            self.laws.push((at_rest, inertance));
         }
-        respond(&self.reactions, &mut self.trial);
+        if self.movables.all.is_empty() {
+            robot.respond(&self.reactions, &mut self.trial);
+        } else {
+            robot.respond_keeping(&self.reactions, &mut self.trial);
+            let contacts = (&self.touches[..], &self.laws[..]);
+            (self.movables).couple(contacts, centres, &mut self.trial, robot);
+        }
         self.spatial.set(centres, &self.trial);
         for touch in &self.touches {
             let Response { impulse, inertance } = touch.response();
-            let velocity = touch.free + self.spatial.of(touch.disc, &touch.arm) - touch.velocity;
+            let mut there = touch.free;
+            if let Side::Disc(disc) = touch.on {
+                there += self.spatial.of(disc, &touch.arm);
+            }
+            if !self.movables.all.is_empty() {
+                there += self.movables.trial(touch);
+            }
+            let velocity = there - touch.velocity;
             let next = impulse - inertance * velocity;
             self.steps.push([velocity, next - touch.impulse]);
         }
@@ -293,8 +314,9 @@ impl Problem {
     pub fn impulses(&mut self) -> &[Reaction] {
         self.reactions.fill(Reaction::default());
         for touch in self.touches.iter().filter(|touch| touch.acts()) {
-            let reaction = &mut self.reactions[touch.disc];
-            reaction.push(&touch.arm, &touch.impulse, &Matrix3::zeros());
+            if let Side::Disc(disc) = touch.on {
+                self.reactions[disc].push(&touch.arm, &touch.impulse, &Matrix3::zeros());
+            }
         }
         &self.reactions
     }
