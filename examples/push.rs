@@ -76,7 +76,11 @@ pub fn run(path: &Path) -> Result<()> {
         stepper.step(&mut state, &robot.command(&values)?, &Loads::default())?;
     }
     let pushed = |object: usize| ways[object][STEPS][1] - ways[object][0][1];
-    println!("the box is pushed by {:.1} mm, the ball by {:.1} mm", pushed(0), pushed(1));
+    println!(
+        "the box is pushed by {:.1} mm, the ball by {:.1} mm",
+        pushed(0),
+        pushed(1)
+    );
     let strongest = forces.iter().map(|[_, force]| *force).fold(0.0, f64::max);
     println!("the contacts with the robot bear up to {strongest:.1} mN");
     std::fs::write(path, figure(&moments, forces, ways).to_svg())?;
@@ -103,8 +107,16 @@ fn figure(moments: &[Moment], forces: Vec<[f64; 2]>, ways: [Vec<[f64; 2]>; 2]) -
             marks.push(mark(&name("robot"), ink(Ink::Blue), backbone));
             let outline = |points: Vec<Vector3<f64>>| points.iter().map(flat).collect();
             let [parcel, ball] = &moment.objects;
-            marks.push(mark(&name("box"), ink(Ink::Vermilion), outline(rectangle(parcel, up))));
-            marks.push(mark(&name("ball"), ink(Ink::Black), outline(circle(ball, up))));
+            marks.push(mark(
+                &name("box"),
+                ink(Ink::Vermilion),
+                outline(rectangle(parcel, up)),
+            ));
+            marks.push(mark(
+                &name("ball"),
+                ink(Ink::Black),
+                outline(circle(ball, up)),
+            ));
         }
         Panel {
             title: title.into(),
@@ -135,9 +147,16 @@ fn figure(moments: &[Moment], forces: Vec<[f64; 2]>, ways: [Vec<[f64; 2]>; 2]) -
             plot(
                 "How far",
                 "-x (mm)",
-                vec![mark("box", Ink::Vermilion, parcel), mark("ball", Ink::Black, ball)],
+                vec![
+                    mark("box", Ink::Vermilion, parcel),
+                    mark("ball", Ink::Black, ball),
+                ],
             ),
-            plot("Force on the robot", "force (mN)", vec![mark("robot", Ink::Blue, forces)]),
+            plot(
+                "Force on the robot",
+                "force (mN)",
+                vec![mark("robot", Ink::Blue, forces)],
+            ),
         ],
     }
 }
@@ -145,12 +164,20 @@ fn figure(moments: &[Moment], forces: Vec<[f64; 2]>, ways: [Vec<[f64; 2]>; 2]) -
 /// The outline of the box seen along y, where `up` is z, or from above (m).
 fn rectangle(pose: &Isometry3<f64>, up: usize) -> Vec<Vector3<f64>> {
     let [x, y, z] = BOX.map(|side| side / 2.0);
-    let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]];
+    let corners = [
+        [-1.0, -1.0],
+        [1.0, -1.0],
+        [1.0, 1.0],
+        [-1.0, 1.0],
+        [-1.0, -1.0],
+    ];
     let corner = |[a, b]: [f64; 2]| match up {
         2 => Vector3::new(a * x, 0.0, b * z),
         _ => Vector3::new(a * x, b * y, 0.0),
     };
-    corners.map(|signs| pose.transform_point(&corner(signs).into()).coords).to_vec()
+    corners
+        .map(|signs| pose.transform_point(&corner(signs).into()).coords)
+        .to_vec()
 }
 
 /// The outline of the ball in the same view (m).

@@ -204,9 +204,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
             .iter()
             .map(|p| [p.x, p.y, p.z])
             .collect(),
-        rotations: (state.configuration.0.iter())
-            .map(upward)
-            .collect(),
+        rotations: (state.configuration.0.iter()).map(upward).collect(),
         velocity: state.velocity,
         objects: objects_of(&stepper),
         contacts: has_obstacles.then(|| {

@@ -118,7 +118,10 @@ impl Neighbourhood {
 
     /// Forgets what is known of other postures about an obstacle that has moved, given the number of discs.
     pub fn forget(&mut self, obstacle: usize, discs: usize) {
-        if let Some(bounds) = self.bounds.get_mut(obstacle * discs..(obstacle + 1) * discs) {
+        if let Some(bounds) = self
+            .bounds
+            .get_mut(obstacle * discs..(obstacle + 1) * discs)
+        {
             bounds.fill(Bound::UNKNOWN);
         }
     }

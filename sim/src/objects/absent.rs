@@ -4,7 +4,7 @@ use std::convert::Infallible;
 
 use nalgebra::Vector3;
 
-use super::{Body, Meeting, ObjectError, ObjectState, Wrench};
+use super::{Body, Meeting, ObjectError, ObjectState, Twist};
 use crate::scene::Scene;
 
 /// No world of objects.
@@ -39,7 +39,7 @@ impl World {
         match self.0 {}
     }
 
-    pub fn step(&mut self, _: &[Wrench]) -> Result<(), ObjectError> {
+    pub fn step(&mut self, _: &[Option<Twist>]) -> Result<(), ObjectError> {
         match self.0 {}
     }
 }

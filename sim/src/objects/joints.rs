@@ -3,7 +3,9 @@
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Matrix6, Unit, UnitQuaternion, Vector3, Vector6};
-use rapier3d_f64::prelude::{GenericJoint, MotorModel, PrismaticJointBuilder, RevoluteJointBuilder};
+use rapier3d_f64::prelude::{
+    GenericJoint, MotorModel, PrismaticJointBuilder, RevoluteJointBuilder,
+};
 
 use super::shapes::vector;
 use crate::scene::{JointSpec, Obstacle};
@@ -36,7 +38,8 @@ pub(super) fn to_world(joint: &JointSpec, object: &Obstacle) -> GenericJoint {
             let mut joint: GenericJoint = built.build().into();
             // Both frames coincide where the object stands: the angle there is 0.
             let frame = joint.local_frame1.rotation;
-            joint.local_frame2.rotation = super::shapes::pose(&object.pose.inverse()).rotation * frame;
+            joint.local_frame2.rotation =
+                super::shapes::pose(&object.pose.inverse()).rotation * frame;
             joint
         }
         JointSpec::Slider(slider) => {

@@ -2,7 +2,7 @@
 //!
 //! Rapier owns them (feature `rapier`): their motion, and their contacts with what is fixed and with each other. What a robot does to
 //! them is found by the robot's own step ([`ContactStepper`](crate::contact::ContactStepper)), which asks a `World` for the bodies as
-//! they stand, and gives it the impulses that the robot puts on them.
+//! they stand, and gives it the motions of those that the robot touches.
 //!
 //! ```
 //! use tdcr_sim::objects::ObjectState;
@@ -29,6 +29,6 @@ mod world;
 #[cfg(not(feature = "rapier"))]
 pub(crate) use absent::World;
 pub use state::{ObjectError, ObjectState};
-pub(crate) use twist::{Body, Meeting, Twist, Wrench};
+pub(crate) use twist::{Body, Meeting, Twist};
 #[cfg(feature = "rapier")]
 pub(crate) use world::World;

@@ -50,9 +50,7 @@ pub(super) fn movable(obstacle: &Obstacle) -> Result<ColliderBuilder, ObjectErro
     };
     match &obstacle.shape {
         ObstacleShape::HalfSpace => refuse("a half space, which has no end and no mass"),
-        ObstacleShape::Pipe(_) => {
-            refuse("a pipe, which is a bore in a block without an outside")
-        }
+        ObstacleShape::Pipe(_) => refuse("a pipe, which is a bore in a block without an outside"),
         ObstacleShape::Solid(shape) => match &shape.0 {
             Kind::Mesh(_) => match hull(shape) {
                 Some(hull) => Ok(hull),

@@ -86,7 +86,9 @@ pub enum ObjectError {
         object: String,
     },
     /// A motion that left the range of numbers.
-    #[error("object `{object}` left the range of numbers at {speed:.3e} m/s; take a shorter time step")]
+    #[error(
+        "object `{object}` left the range of numbers at {speed:.3e} m/s; take a shorter time step"
+    )]
     Diverged {
         /// The object's name.
         object: String,

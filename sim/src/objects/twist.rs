@@ -14,20 +14,13 @@ impl Twist {
     pub fn at(&self, arm: &Vector3<f64>) -> Vector3<f64> {
         self.linear + self.angular.cross(arm)
     }
-}
 
-/// An impulse (N s) and its moment about a centre of mass (N m s), world axes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Wrench {
-    pub force: Vector3<f64>,
-    pub moment: Vector3<f64>,
-}
-
-impl Wrench {
-    /// Adds an impulse (N s) at `arm` (m) from the centre of mass.
-    pub fn push(&mut self, arm: &Vector3<f64>, impulse: &Vector3<f64>) {
-        self.force += impulse;
-        self.moment += arm.cross(impulse);
+    /// The sum of two.
+    pub fn plus(&self, other: &Self) -> Self {
+        Self {
+            linear: self.linear + other.linear,
+            angular: self.angular + other.angular,
+        }
     }
 }
 
@@ -59,7 +52,9 @@ impl Body {
     pub fn mass_matrix(&self) -> Matrix6<f64> {
         let mut inertia = Matrix6::zeros();
         (inertia.fixed_view_mut::<3, 3>(0, 0)).copy_from(&(Matrix3::identity() * self.mass));
-        inertia.fixed_view_mut::<3, 3>(3, 3).copy_from(&self.inertia);
+        inertia
+            .fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&self.inertia);
         let mut matrix = self.basis.tr_mul(&(inertia * self.basis));
         matrix[(0, 0)] += self.resistance;
         for axis in self.freedoms..6 {
@@ -81,6 +76,21 @@ impl Body {
         Twist {
             linear: motion.fixed_rows::<3>(0).into(),
             angular: motion.fixed_rows::<3>(3).into(),
+        }
+    }
+}
+
+impl Body {
+    /// The motion of which the damper of its joint makes `twist` within a step.
+    pub fn undamped(&self, twist: &Twist) -> Twist {
+        if self.resistance == 0.0 {
+            return *twist;
+        }
+        let damped = self.mass_matrix()[(0, 0)];
+        let factor = damped / (damped - self.resistance);
+        Twist {
+            linear: twist.linear * factor,
+            angular: twist.angular * factor,
         }
     }
 }

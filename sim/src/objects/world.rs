@@ -4,7 +4,7 @@ use std::fmt;
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use rapier3d_f64::prelude::{
-    BroadPhaseBvh, CCDSolver, ColliderHandle, ColliderSet, CoefficientCombineRule, FrictionModel,
+    BroadPhaseBvh, CCDSolver, CoefficientCombineRule, ColliderHandle, ColliderSet, FrictionModel,
     ImpulseJointSet, IntegrationParameters, IslandManager, MultibodyJointSet, NarrowPhase,
     PhysicsPipeline, Real, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SoftBodySet,
     SpringCoefficients, Vector,
@@ -12,15 +12,18 @@ use rapier3d_f64::prelude::{
 
 use super::joints::{damping, motions, stops, to_world};
 use super::shapes::{back, fixed, movable, pose, pose_back, vector};
-use super::{Body, Meeting, ObjectError, ObjectState, Twist, Wrench};
+use super::{Body, Meeting, ObjectError, ObjectState, Twist};
 use crate::scene::{JointSpec, Scene};
 
 /// Length of the things that continuum robots move (m): rapier's margins are shares of it (2 % for contacts ahead of touching).
 const LENGTH_UNIT: f64 = 0.1;
-/// Substeps of a step.
-const SUBSTEPS: usize = 4;
-/// Natural frequency of contacts by that of substeps: the stiffest that rapier's authors call stable.
-const STIFFNESS: f64 = 0.25;
+/// Sweeps over the contacts in a step. There are no substeps: what falls in all of a step must be held in all of it, or friction, which
+/// is bounded by what holds, would act in the first of them alone.
+const SWEEPS: usize = 8;
+/// Natural frequency of contacts by that of steps: things sink in by a millionth of a metre under their weight in steps of 2 ms.
+const STIFFNESS: f64 = 1.0;
+/// Damping ratio of contacts: rapier's own, 10, lets them bear a weight only after a dozen milliseconds.
+const DAMPING: f64 = 1.0;
 
 /// The objects of a scene, and what is fixed in it.
 pub(crate) struct World {
@@ -222,7 +225,7 @@ impl World {
             };
             (body.basis, body.freedoms) = motions(kept.joint.as_ref(), &rotation, &arm);
             body.resistance = h * damping(kept.joint.as_ref());
-            body.free = free(body, &self.gravity, h);
+            body.free = body.confined(&fallen(body, &self.gravity, h));
         }
     }
 
@@ -231,14 +234,19 @@ impl World {
     pub fn meetings(&self, out: &mut Vec<Meeting>) {
         for (object, (kept, state)) in self.kept.iter().zip(&self.states).enumerate() {
             let stops = stops(kept.joint.as_ref(), &kept.start, &state.pose);
-            out.extend(stops.into_iter().flatten().map(|(point, normal, gap)| Meeting {
-                object,
-                other: None,
-                point,
-                normal,
-                gap,
-                friction: 0.0,
-            }));
+            out.extend(
+                stops
+                    .into_iter()
+                    .flatten()
+                    .map(|(point, normal, gap)| Meeting {
+                        object,
+                        other: None,
+                        point,
+                        normal,
+                        gap,
+                        friction: 0.0,
+                    }),
+            );
         }
         let of_collider = |handle: ColliderHandle| {
             let parent = self.sets.colliders[handle].parent();
@@ -252,7 +260,8 @@ impl World {
                 [None, Some(object)] => (object, None, false),
                 [None, None] => continue,
             };
-            let poses = [pair.collider1, pair.collider2].map(|one| *self.sets.colliders[one].position());
+            let poses =
+                [pair.collider1, pair.collider2].map(|one| *self.sets.colliders[one].position());
             for manifold in pair.manifolds() {
                 let own = |at: Option<&rapier3d_f64::math::Pose>, collider: usize| {
                     at.map_or(poses[collider], |at| poses[collider] * *at)
@@ -277,11 +286,11 @@ impl World {
         }
     }
 
-    /// Moves the objects by one step, in which each takes an impulse, about its centre of mass.
-    pub fn step(&mut self, wrenches: &[Wrench]) -> Result<(), ObjectError> {
+    /// Moves the objects by one step. Those of which a motion is given begin it with that, the others fall.
+    pub fn step(&mut self, motions: &[Option<Twist>]) -> Result<(), ObjectError> {
         let h = self.parameters.dt;
-        for ((body, kept), wrench) in self.bodies.iter().zip(&self.kept).zip(wrenches) {
-            let twist = pushed(body, wrench, &self.gravity, h);
+        for ((body, kept), motion) in self.bodies.iter().zip(&self.kept).zip(motions) {
+            let twist = motion.unwrap_or_else(|| fallen(body, &self.gravity, h));
             let own = &mut self.sets.bodies[kept.handle];
             own.set_linvel(vector(&twist.linear), true);
             own.set_angvel(vector(&twist.angular), true);
@@ -309,7 +318,8 @@ impl World {
             let pose: Isometry3<f64> = pose_back(body.position());
             let angular_velocity = back(body.angvel());
             *state = ObjectState {
-                velocity: back(body.linvel()) - angular_velocity.cross(&(pose.rotation * kept.centre)),
+                velocity: back(body.linvel())
+                    - angular_velocity.cross(&(pose.rotation * kept.centre)),
                 pose,
                 angular_velocity,
             };
@@ -324,27 +334,23 @@ impl World {
     }
 }
 
-/// Motion of a body after a step of `h` (s) in which it is pushed by a wrench, but for what its joint and its contacts do.
-fn pushed(body: &Body, wrench: &Wrench, gravity: &Vector3<f64>, h: f64) -> Twist {
-    let spin = body.inertia.cholesky().map(|inertia| inertia.solve(&wrench.moment));
+/// Motion of a body after a step of `h` (s) under gravity, but for what its joint and its contacts do.
+fn fallen(body: &Body, gravity: &Vector3<f64>, h: f64) -> Twist {
     Twist {
-        linear: body.twist.linear + gravity * h + wrench.force / body.mass,
-        angular: body.twist.angular + spin.unwrap_or_default(),
+        linear: body.twist.linear + gravity * h,
+        angular: body.twist.angular,
     }
 }
 
-/// Motion of a body after a step in which nothing touches it.
-fn free(body: &Body, gravity: &Vector3<f64>, h: f64) -> Twist {
-    let twist = pushed(body, &Wrench::default(), gravity, h);
-    body.confined(&twist)
-}
-
 fn parameters(timestep: f64) -> IntegrationParameters {
-    let softness = SpringCoefficients::new(STIFFNESS * SUBSTEPS as f64 / timestep, 10.0);
+    let softness = SpringCoefficients::new(STIFFNESS / timestep, DAMPING);
     IntegrationParameters {
         dt: timestep,
         length_unit: LENGTH_UNIT,
-        num_solver_iterations: SUBSTEPS,
+        num_solver_iterations: 1,
+        num_internal_pgs_iterations: SWEEPS,
+        // Friction acts in these alone.
+        num_internal_stabilization_iterations: SWEEPS,
         contact_softness: softness,
         static_contact_softness: softness,
         normalized_max_linear_velocity: Real::MAX,

@@ -104,7 +104,12 @@ pub(super) fn velocity(obstacle: &str, field: &str, value: &[f64; 3]) -> Result<
         true => Ok(()),
         false => {
             let value = format!("{value:?}");
-            Err(refuse(obstacle, field, value, "finite components of at most 1e4"))
+            Err(refuse(
+                obstacle,
+                field,
+                value,
+                "finite components of at most 1e4",
+            ))
         }
     }
 }

@@ -21,7 +21,10 @@ pub enum JointSpec {
 
 /// A hinge between an object and the world.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "a table { axis, anchor, limits, damping }")]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table { axis, anchor, limits, damping }"
+)]
 pub struct HingeSpec {
     /// Direction of the axis in the object's frame; normalised on use.
     pub axis: [f64; 3],
@@ -75,13 +78,20 @@ impl JointSpec {
         let axis = self.axis();
         if !is_direction(&axis) {
             let expected = "three finite numbers, not all 0";
-            return Err(refuse(obstacle, &field("axis"), format!("{axis:?}"), expected));
+            return Err(refuse(
+                obstacle,
+                &field("axis"),
+                format!("{axis:?}"),
+                expected,
+            ));
         }
         if let Some([low, high]) = limits
             && !(-most <= low && low <= 0.0 && 0.0 <= high && high <= most && low < high)
         {
             let expected = match self {
-                Self::Hinge(_) => "[smallest, largest] with 0 in between, within half a turn (pi rad)",
+                Self::Hinge(_) => {
+                    "[smallest, largest] with 0 in between, within half a turn (pi rad)"
+                }
                 Self::Slider(_) => "[smallest, largest] with 0 in between, within 1e6 m",
             };
             let found = format!("{:?}", [low, high]);

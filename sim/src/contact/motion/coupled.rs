@@ -6,25 +6,9 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
 
-use super::problem::{DiscVelocities, Touch};
+use super::touch::{DiscVelocities, Side, Touch};
 use crate::dynamics::Reaction;
-use crate::objects::{Body, Twist, Wrench};
-
-/// What a contact acts on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Side {
-    /// A disc.
-    Disc(usize),
-    /// An object, by its place in the problem.
-    Object(usize),
-}
-
-/// The object that a contact acts on the other way, by its place in the problem, and where, from its centre of mass (m).
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Opposite {
-    pub object: usize,
-    pub arm: Vector3<f64>,
-}
+use crate::objects::{Body, Twist};
 
 /// An object as the problem has it.
 #[derive(Clone, Copy, Debug)]
@@ -155,23 +139,24 @@ impl Movables {
         velocity
     }
 
-    /// The impulses of discs on each object, by their places in the problem.
-    pub fn wrenches<'a>(
-        &'a self,
-        touches: &'a [Touch],
-    ) -> impl Iterator<Item = (usize, Wrench)> + 'a {
-        (self.all.iter().enumerate()).map(move |(place, movable)| {
-            let mut wrench = Wrench::default();
-            for touch in touches {
-                let (Side::Disc(_), Some(opposite)) = (touch.on, &touch.against) else {
-                    continue;
-                };
-                if opposite.object == place {
-                    wrench.push(&opposite.arm, &-touch.impulse);
-                }
+    /// The motions of the objects, by their numbers, at the end of the step under the impulses of the contacts, but for the dampers of
+    /// their joints. They follow from the impulses themselves, so that what a contact puts on one side it takes from the other.
+    pub fn motions(&self, touches: &[Touch]) -> Vec<(usize, Twist)> {
+        let mut pushed = vec![Vector6::zeros(); self.all.len()];
+        for touch in touches.iter().filter(|touch| touch.acts()) {
+            for (place, jacobian) in self.jacobians(touch) {
+                pushed[place] += jacobian.tr_mul(&touch.impulse);
             }
-            (movable.number, wrench)
-        })
+        }
+        let moved = self.all.iter().zip(&pushed);
+        moved
+            .map(|(movable, pushed)| {
+                let change = movable.mass.cholesky().map(|mass| mass.solve(pushed));
+                let change = movable.twist(&change.unwrap_or_default());
+                let end = movable.body.free.plus(&change);
+                (movable.number, movable.body.undamped(&end))
+            })
+            .collect()
     }
 
     /// How a contact's velocity changes with the coordinates of its objects: their places, and the Jacobians.
@@ -199,7 +184,9 @@ impl Movables {
         let mut matrix = DMatrix::zeros(size, size);
         let mut right = DVector::zeros(size);
         for (place, movable) in self.all.iter().enumerate() {
-            matrix.fixed_view_mut::<6, 6>(6 * place, 6 * place).copy_from(&movable.mass);
+            matrix
+                .fixed_view_mut::<6, 6>(6 * place, 6 * place)
+                .copy_from(&movable.mass);
         }
         let mut spatial = DiscVelocities::default();
         spatial.set(centres, rates);

@@ -5,26 +5,28 @@
 //! the step and change with the velocities to first order.
 
 mod coupled;
+mod gather;
 mod law;
 mod objects;
 mod problem;
+mod response;
 mod start;
+mod touch;
 
 pub use law::{ContactLaw, Impedance};
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use self::coupled::{Opposite, Responds, Side};
-use self::law::Push;
 use self::objects::Objects;
-use self::problem::{DiscVelocities, Problem, Touch};
+use self::problem::Problem;
+use self::response::{StepResponse, mobilities_of};
+use self::touch::{DiscVelocities, Opposite, Side};
 use super::equations::REACH;
 use super::law::STIFFEST;
-use super::near::{Near, Neighbourhood};
+use super::near::Neighbourhood;
 use super::{Activity, Contact, Partner};
-use crate::dynamics::{DynamicsError, Energy, Reaction, Resistance, State, Stepper};
+use crate::dynamics::{DynamicsError, Energy, Resistance, State, Stepper};
 use crate::geometry::Beads;
-use crate::objects::{Body, ObjectState};
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
 
@@ -153,22 +155,6 @@ impl ContactStepper {
         &self.scene
     }
 
-    /// Where the scene's objects are and how they move, in the order of [`Scene::objects`].
-    pub fn objects(&self) -> &[ObjectState] {
-        self.objects.states()
-    }
-
-    /// Places the objects in states, one for each in the order of [`Scene::objects`], or where `None` as the scene had them at first.
-    /// What comes then is a function of these states: impulses of earlier steps, from which rapier begins its search, are forgotten.
-    ///
-    /// # Errors
-    /// [`DynamicsError::Objects`] for states of other objects, or not finite.
-    pub fn place_objects(&mut self, states: Option<&[ObjectState]>) -> Result<(), DynamicsError> {
-        self.objects.restart(states)?;
-        self.follow_objects();
-        Ok(())
-    }
-
     /// The robot's collision geometry.
     pub fn beads(&self) -> &Beads {
         &self.beads
@@ -221,22 +207,6 @@ impl ContactStepper {
             self.follow_objects();
         }
         Ok(())
-    }
-
-    /// Takes the objects' poses into the scene.
-    fn follow_objects(&mut self) {
-        if self.objects.are_none() {
-            return;
-        }
-        let obstacles = self.scene.obstacles_mut();
-        for (body, state) in self.objects.bodies().iter().zip(self.objects.states()) {
-            let obstacle = &mut obstacles[body.obstacle];
-            if obstacle.pose != state.pose {
-                obstacle.pose = state.pose;
-                let n = self.free.len();
-                self.neighbourhood.forget(body.obstacle, n);
-            }
-        }
     }
 
     /// Energy of `state` under `command` and `loads`, with that of pressed surfaces of [`ContactLaw::Compliant`] in the potential.
@@ -316,80 +286,6 @@ impl ContactStepper {
         speeds.fold(0.0, f64::max)
     }
 
-    fn set_touches(&mut self) {
-        let problem = &mut self.problem;
-        problem.touches.clear();
-        problem.movables.all.clear();
-        for near in &self.neighbourhood.near {
-            let object = self.objects.of_obstacle(near.obstacle);
-            let Some(mut touch) = self.touch_of(near, object.map(|(_, body)| body)) else {
-                continue;
-            };
-            if let Some((number, body)) = object {
-                let object = self.problem.movables.place(number, body);
-                let arm = self.place_of(near) - body.centre;
-                touch.against = Some(Opposite { object, arm });
-            }
-            self.problem.touches.push(touch);
-        }
-        let h = self.stepper.timestep();
-        let Problem {
-            movables, touches, ..
-        } = &mut self.problem;
-        self.objects.add_meetings(h, movables, touches);
-    }
-
-    /// Where a bead is nearest to the surface that it is near (m).
-    fn place_of(&self, near: &Near) -> Vector3<f64> {
-        let normal = near.normal.try_normalize(0.0).unwrap_or(near.normal);
-        near.centre - normal * (near.gap + near.bead.radius)
-    }
-
-    /// A bead near an obstacle, which may be an object, as the problem has it; none if the law takes no notice of it.
-    fn touch_of(&self, near: &Near, object: Option<&Body>) -> Option<Touch> {
-        let h = self.stepper.timestep();
-        let disc = near.bead.disc;
-        let obstacle = &self.scene.obstacles()[near.obstacle];
-        let normal = near.normal.try_normalize(0.0)?;
-        let arm = near.arm - normal * (near.gap + near.bead.radius);
-        let (push, friction) = match self.law {
-            ContactLaw::Compliant { relaxation } => {
-                let push = Push::compliant(near.gap, obstacle.compliance, relaxation, h);
-                (push, obstacle.friction)
-            }
-            ContactLaw::Impedance(_) if near.gap > 0.0 => return None,
-            ContactLaw::Impedance(law) => {
-                let mut speed = near.normal.dot(&self.starts.of(disc, &arm));
-                let mut mobility = self.mobilities[disc];
-                if let Some(body) = object {
-                    let arm = self.place_of(near) - body.centre;
-                    speed -= near.normal.dot(&body.twist.at(&arm));
-                    mobility += 1.0 / body.mass;
-                }
-                (law.push(near.gap, speed, mobility, h), 0.0)
-            }
-        };
-        let mut free = self.motions.of(disc, &arm);
-        if let Some(body) = object {
-            free -= body.free.at(&(self.place_of(near) - body.centre));
-        }
-        Some(Touch {
-            on: Side::Disc(disc),
-            against: None,
-            obstacle: near.obstacle,
-            gap: near.gap,
-            gradient: near.normal,
-            normal,
-            arm,
-            push,
-            friction,
-            bound: 0.0,
-            free,
-            velocity: free,
-            impulse: Vector3::zeros(),
-        })
-    }
-
     /// Solves the problem, and takes the change of the rates.
     fn solve(&mut self, loads: &Loads) {
         let resistance = self.resistance();
@@ -431,51 +327,4 @@ impl ContactStepper {
             });
         }
     }
-}
-
-/// How the rates at the end of a step that was begun respond to impulses.
-struct StepResponse<'a> {
-    stepper: &'a mut Stepper,
-    loads: &'a Loads,
-    resistance: Resistance,
-}
-
-impl Responds for StepResponse<'_> {
-    fn respond(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
-        (self.stepper).respond(self.loads, self.resistance, reactions, out);
-    }
-
-    fn respond_keeping(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
-        (self.stepper).respond_keeping(self.loads, self.resistance, reactions, out);
-    }
-
-    fn respond_again(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
-        self.stepper.respond_again(self.resistance, reactions, out);
-    }
-}
-
-/// Of each disc, a third of the trace of the matrix by which an impulse on its centre of mass changes the velocity there, in the
-/// straight pose (1/kg): MuJoCo's `body_invweight0`.
-fn mobilities_of(stepper: &mut Stepper) -> Result<Vec<f64>, DynamicsError> {
-    let robot = stepper.robot().clone();
-    let loads = Loads::default();
-    stepper.begin(&State::straight(&robot), &robot.mean_command(), &loads)?;
-    let chain = stepper.posture().chain.clone();
-    let n = robot.discs().len();
-    let mut change = vec![Vector3::zeros(); n];
-    let mut velocities = DiscVelocities::default();
-    let mobility = |disc: usize| {
-        let own = &robot.discs()[disc];
-        let arm = chain.disc(disc) * (own.origin + own.centre_of_mass);
-        let along = (0..3).map(|axis| {
-            let mut reactions = vec![Reaction::default(); n];
-            let impulse = Vector3::ith(axis, 1.0);
-            reactions[disc].push(&arm, &impulse, &Matrix3::zeros());
-            stepper.respond(&loads, Resistance::Inertia, &reactions, &mut change);
-            velocities.set(&chain.centres, &change);
-            velocities.of(disc, &arm)[axis]
-        });
-        along.sum::<f64>() / 3.0
-    };
-    Ok((0..n).map(mobility).collect())
 }

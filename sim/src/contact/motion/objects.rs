@@ -2,10 +2,12 @@
 
 use nalgebra::Vector3;
 
-use super::coupled::{Movable, Movables, Opposite, Side};
+use super::ContactStepper;
+use super::coupled::{Movable, Movables};
 use super::law::Push;
-use super::problem::Touch;
-use crate::objects::{Body, Meeting, ObjectError, ObjectState, World, Wrench};
+use super::touch::{Opposite, Side, Touch};
+use crate::dynamics::DynamicsError;
+use crate::objects::{Body, Meeting, ObjectError, ObjectState, Twist, World};
 use crate::scene::Scene;
 
 /// Inertance of contacts among objects and with what is fixed, for the mass that they resist: their surfaces give way by so much less
@@ -21,8 +23,8 @@ pub(super) struct Objects {
     /// Number of the object of each obstacle.
     numbers: Vec<Option<usize>>,
     meetings: Vec<Meeting>,
-    /// Impulses of the robot in this step.
-    wrenches: Vec<Wrench>,
+    /// Of those that the robot touches in this step, the motions at its end.
+    motions: Vec<Option<Twist>>,
 }
 
 impl Objects {
@@ -35,7 +37,7 @@ impl Objects {
             numbers[body.obstacle] = Some(number);
         }
         Ok(Self {
-            wrenches: vec![Wrench::default(); world.bodies().len()],
+            motions: vec![None; world.bodies().len()],
             start: Some(world.clone()),
             world: Some(world),
             numbers,
@@ -83,9 +85,7 @@ impl Objects {
     /// Highest speed of a point of an object in the step, as far as it is known (m/s).
     pub fn fastest(&self, movables: &Movables) -> f64 {
         let free = self.bodies().iter().map(|body| {
-            let speed = |twist: &crate::objects::Twist| {
-                twist.linear.norm() + twist.angular.norm() * body.enclosing
-            };
+            let speed = |twist: &Twist| twist.linear.norm() + twist.angular.norm() * body.enclosing;
             speed(&body.free).max(speed(&body.twist))
         });
         let touched = movables.all.iter().map(Movable::fastest);
@@ -93,7 +93,12 @@ impl Objects {
     }
 
     /// Adds to the contacts of the robot those that hold the objects that it touches: among objects, and with what is fixed.
-    pub fn add_meetings(&mut self, timestep: f64, movables: &mut Movables, touches: &mut Vec<Touch>) {
+    pub fn add_meetings(
+        &mut self,
+        timestep: f64,
+        movables: &mut Movables,
+        touches: &mut Vec<Touch>,
+    ) {
         let Some(world) = &self.world else { return };
         if movables.all.is_empty() {
             return;
@@ -124,18 +129,18 @@ impl Objects {
         }
     }
 
-    /// Takes the impulses that the robot's contacts put on the objects.
+    /// Takes the motions that the contacts of the problem give the objects.
     pub fn take(&mut self, movables: &Movables, touches: &[Touch]) {
-        self.wrenches.fill(Wrench::default());
-        for (number, wrench) in movables.wrenches(touches) {
-            self.wrenches[number] = wrench;
+        self.motions.fill(None);
+        for (number, motion) in movables.motions(touches) {
+            self.motions[number] = Some(motion);
         }
     }
 
     /// Moves the objects by a step.
     pub fn step(&mut self) -> Result<(), ObjectError> {
         match &mut self.world {
-            Some(world) => world.step(&self.wrenches),
+            Some(world) => world.step(&self.motions),
             None => Ok(()),
         }
     }
@@ -178,4 +183,38 @@ fn touch_of(meeting: &Meeting, timestep: f64, movables: &Movables) -> Option<Tou
         velocity: free,
         impulse: Vector3::zeros(),
     })
+}
+
+impl ContactStepper {
+    /// Where the scene's objects are and how they move, in the order of [`Scene::objects`].
+    pub fn objects(&self) -> &[ObjectState] {
+        self.objects.states()
+    }
+
+    /// Places the objects in states, one for each in the order of [`Scene::objects`], or where `None` as the scene had them at first.
+    /// What comes then is a function of these states: impulses of earlier steps, from which rapier begins its search, are forgotten.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Objects`] for states of other objects, or not finite.
+    pub fn place_objects(&mut self, states: Option<&[ObjectState]>) -> Result<(), DynamicsError> {
+        self.objects.restart(states)?;
+        self.follow_objects();
+        Ok(())
+    }
+
+    /// Takes the objects' poses into the scene.
+    pub(super) fn follow_objects(&mut self) {
+        if self.objects.are_none() {
+            return;
+        }
+        let obstacles = self.scene.obstacles_mut();
+        for (body, state) in self.objects.bodies().iter().zip(self.objects.states()) {
+            let obstacle = &mut obstacles[body.obstacle];
+            if obstacle.pose != state.pose {
+                obstacle.pose = state.pose;
+                let n = self.free.len();
+                self.neighbourhood.forget(body.obstacle, n);
+            }
+        }
+    }
 }

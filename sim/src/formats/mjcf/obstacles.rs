@@ -191,7 +191,8 @@ impl<'a> Touching<'a> {
     /// MuJoCo's coordinates of the objects where the scene has them.
     pub fn coordinates(&self) -> Vec<f64> {
         let objects = self.scene.objects();
-        let written = objects.filter(|(index, _)| !matches!(self.written[*index], Written::Left(_)));
+        let written =
+            objects.filter(|(index, _)| !matches!(self.written[*index], Written::Left(_)));
         written
             .flat_map(|(_, object)| match object.joint {
                 Some(_) => vec![0.0],

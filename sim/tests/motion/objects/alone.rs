@@ -26,7 +26,10 @@ fn paths(obstacles: Vec<Obstacle>, steps: usize) -> Vec<Vec<ObjectState>> {
 
 #[test]
 fn a_ball_falls_as_far_as_the_steps_say_and_rests_on_the_floor() {
-    let ball = Obstacle::sphere("ball", 0.02).unwrap().with_mass(0.1).unwrap();
+    let ball = Obstacle::sphere("ball", 0.02)
+        .unwrap()
+        .with_mass(0.1)
+        .unwrap();
     let ball = ball
         .at([AWAY, 0.0, 0.3])
         .with_velocity([0.1, 0.0, 0.0], [0.0; 3])
@@ -83,19 +86,33 @@ fn a_door_swings_with_the_period_of_its_pendulum_and_stops_at_its_limit() {
     };
     let start = 0.1;
     let path = paths(vec![bar(start, None)], 1_000);
-    let swings: Vec<f64> = (path.iter()).map(|states| states[0].pose.rotation.scaled_axis().y).collect();
-    let crossings: Vec<usize> = (1..swings.len()).filter(|&k| swings[k - 1] > 0.0 && swings[k] <= 0.0).collect();
-    let period = (crossings[crossings.len() - 1] - crossings[0]) as f64 * STEP / (crossings.len() - 1) as f64;
+    let swings: Vec<f64> = (path.iter())
+        .map(|states| states[0].pose.rotation.scaled_axis().y)
+        .collect();
+    let crossings: Vec<usize> = (1..swings.len())
+        .filter(|&k| swings[k - 1] > 0.0 && swings[k] <= 0.0)
+        .collect();
+    let period = (crossings[crossings.len() - 1] - crossings[0]) as f64 * STEP
+        / (crossings.len() - 1) as f64;
     // I = m (l²/12 + w²/12 + l²/4); T = 2 pi sqrt(I / (m g l / 2)) (1 + a²/16).
     let inertia = (0.2_f64.powi(2) + 0.01_f64.powi(2)) / 12.0 + 0.01;
-    let expected = std::f64::consts::TAU * (inertia / (9.81 * 0.1)).sqrt() * (1.0 + start * start / 16.0);
+    let expected =
+        std::f64::consts::TAU * (inertia / (9.81 * 0.1)).sqrt() * (1.0 + start * start / 16.0);
     eprintln!("period {period} s, closed form {expected} s");
-    assert!((period / expected - 1.0).abs() < 0.01, "{period} {expected}");
+    assert!(
+        (period / expected - 1.0).abs() < 0.01,
+        "{period} {expected}"
+    );
     let anchor = path[999][0].pose.transform_point(&[0.0, 0.0, 0.1].into());
-    assert!((anchor.coords - Vector3::new(AWAY, 0.0, 1.0)).norm() < 1e-4, "{anchor:?}");
+    assert!(
+        (anchor.coords - Vector3::new(AWAY, 0.0, 1.0)).norm() < 1e-4,
+        "{anchor:?}"
+    );
     // It may turn back by 0.05 rad from where it starts.
     let held = paths(vec![bar(start, Some([-0.05, 0.2]))], 500);
-    let lowest = (held.iter()).map(|states| states[0].pose.rotation.scaled_axis().y).fold(1.0, f64::min);
+    let lowest = (held.iter())
+        .map(|states| states[0].pose.rotation.scaled_axis().y)
+        .fold(1.0, f64::min);
     assert!((lowest - 0.05).abs() < 5e-3, "{lowest}");
 }
 
@@ -122,9 +139,14 @@ fn a_drawer_slows_down_by_its_damping_and_stops_at_its_end() {
     let expected = 0.2 * 0.5 / 2.0 * (1.0 - (-2.0 * time / 0.5).exp());
     let found = path[499][0].pose.translation.vector - Vector3::new(AWAY, 0.0, 0.5);
     eprintln!("way {} m, closed form {expected} m", found.x);
-    assert!((found.x / expected - 1.0).abs() < 0.01, "{found:?} {expected}");
+    assert!(
+        (found.x / expected - 1.0).abs() < 0.01,
+        "{found:?} {expected}"
+    );
     assert!(found.y.abs() + found.z.abs() < 1e-5, "{found:?}");
     let held = paths(vec![drawer(Some([-0.1, 0.03]), 0.0)], 500);
-    let farthest = (held.iter()).map(|states| states[0].pose.translation.vector.x).fold(0.0, f64::max);
+    let farthest = (held.iter())
+        .map(|states| states[0].pose.translation.vector.x)
+        .fold(0.0, f64::max);
     assert!((farthest - AWAY - 0.03).abs() < 1e-3, "{farthest}");
 }

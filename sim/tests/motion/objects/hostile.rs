@@ -37,7 +37,9 @@ fn object(rng: &mut ChaCha8Rng, name: &str) -> Obstacle {
     object.pose.rotation = UnitQuaternion::from_scaled_axis(turn);
     let mass = 10_f64.powf(rng.random_range(-4.0..1.0));
     let object = object.with_mass(mass).unwrap();
-    let object = object.with_friction([0.0, 0.5][rng.random_range(0..2)]).unwrap();
+    let object = object
+        .with_friction([0.0, 0.5][rng.random_range(0..2)])
+        .unwrap();
     let speed = Vector3::from_fn(|_, _| rng.random_range(-0.5..0.5)) - out;
     let spin = Vector3::from_fn(|_, _| rng.random_range(-5.0..5.0));
     let axis = Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0)).into();
@@ -65,7 +67,12 @@ fn random_scenes(seeds: std::ops::Range<u64>) -> (usize, usize) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let robot = Robot::load(["2m", "3m"][seed as usize % 2]).unwrap();
         let count = rng.random_range(1..=5);
-        let mut obstacles = vec![Obstacle::half_space("floor").with_friction(0.5).unwrap().at([0.0, 0.0, 0.17])];
+        let mut obstacles = vec![
+            Obstacle::half_space("floor")
+                .with_friction(0.5)
+                .unwrap()
+                .at([0.0, 0.0, 0.17]),
+        ];
         obstacles.extend((0..count).map(|number| object(&mut rng, &number.to_string())));
         let scene = Scene::new(obstacles).unwrap();
         let stepper = Stepper::new(&robot, STEP, Integrator::SemiImplicitEuler).unwrap();
@@ -74,7 +81,9 @@ fn random_scenes(seeds: std::ops::Range<u64>) -> (usize, usize) {
         if stepper.check_start(&state).is_err() {
             continue;
         }
-        let phase: Vec<f64> = (0..robot.tendons().len()).map(|_| rng.random_range(0.0..6.3)).collect();
+        let phase: Vec<f64> = (0..robot.tendons().len())
+            .map(|_| rng.random_range(0.0..6.3))
+            .collect();
         for step in 0..1_000 {
             let time = STEP * step as f64;
             let pull = |phase: &f64| 0.02 + 0.015 * (4.0 * time + phase).sin() * time.min(1.0);
@@ -86,7 +95,12 @@ fn random_scenes(seeds: std::ops::Range<u64>) -> (usize, usize) {
             let fine = stepper.objects().iter().all(|object| object.is_finite());
             assert!(fine, "scene {seed}, step {step}");
             touched += stepper.contacts().len();
-            assert!(stepper.contacts().iter().all(|contact| contact.force.norm().is_finite()));
+            assert!(
+                stepper
+                    .contacts()
+                    .iter()
+                    .all(|contact| contact.force.norm().is_finite())
+            );
         }
         moved += 1;
     }
@@ -123,18 +137,38 @@ fn objects_that_cannot_move_are_refused_by_name() {
     let error = refused(Obstacle::pipe("tube", 0.02, 0.1).unwrap());
     assert!(matches!(&error, ObjectError::Shape { object, .. } if object == "tube"));
     let text = error.to_string();
-    assert!(text.contains("a pipe, which is a bore in a block"), "{text}");
-    assert!(text.contains("expected a box, a sphere, a capsule, a cylinder or a convex mesh"), "{text}");
+    assert!(
+        text.contains("a pipe, which is a bore in a block"),
+        "{text}"
+    );
+    assert!(
+        text.contains("expected a box, a sphere, a capsule, a cylinder or a convex mesh"),
+        "{text}"
+    );
     // Two tetrahedra that share a corner.
     let corners = [
-        [0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01],
-        [-0.01, 0.0, 0.0], [0.0, -0.01, 0.0], [0.0, 0.0, -0.01],
+        [0.0, 0.0, 0.0],
+        [0.01, 0.0, 0.0],
+        [0.0, 0.01, 0.0],
+        [0.0, 0.0, 0.01],
+        [-0.01, 0.0, 0.0],
+        [0.0, -0.01, 0.0],
+        [0.0, 0.0, -0.01],
     ];
     let faces = [
-        [0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3],
-        [0, 4, 5], [0, 6, 4], [0, 5, 6], [4, 6, 5],
+        [0, 2, 1],
+        [0, 1, 3],
+        [0, 3, 2],
+        [1, 2, 3],
+        [0, 4, 5],
+        [0, 6, 4],
+        [0, 5, 6],
+        [4, 6, 5],
     ];
     let mesh = Shape::mesh(&corners, &faces).unwrap();
     let text = refused(Obstacle::new("star", ObstacleShape::Solid(mesh))).to_string();
-    assert!(text.contains("`star` is a mesh that is open, flat or not convex"), "{text}");
+    assert!(
+        text.contains("`star` is a mesh that is open, flat or not convex"),
+        "{text}"
+    );
 }

@@ -12,7 +12,10 @@ fn shelf_and_box() -> Vec<Obstacle> {
     let table = Obstacle::cuboid("table", [0.2, 0.3, 0.02]).unwrap();
     let table = table.with_friction(0.3).unwrap().at([-0.15, 0.0, 0.23]);
     let parcel = Obstacle::cuboid("box", [0.04, 0.04, 0.04]).unwrap();
-    vec![table, parcel.with_mass(0.02).unwrap().at([-0.072, 0.0, 0.26])]
+    vec![
+        table,
+        parcel.with_mass(0.02).unwrap().at([-0.072, 0.0, 0.26]),
+    ]
 }
 
 #[test]
@@ -51,14 +54,18 @@ fn objects_go_on_from_states_that_were_kept_and_states_of_others_are_refused() {
         drive(stepper, state, 200, |time| command(time + 0.8), |_, _| {});
     }
     // Rapier starts its search from other impulses: the same but for its tolerance.
-    let apart = stepper.objects()[0].pose.translation.vector - again.objects()[0].pose.translation.vector;
+    let apart =
+        stepper.objects()[0].pose.translation.vector - again.objects()[0].pose.translation.vector;
     assert!(apart.norm() < 1e-4, "{apart:?}");
     let refused = stepper.place_objects(Some(&[])).unwrap_err();
     assert!(matches!(refused, DynamicsError::Objects(_)));
     assert_eq!(refused.to_string(), "0 states of objects; the scene has 1");
     let mut lost: ObjectState = kept[0];
     lost.velocity.x = f64::NAN;
-    let refused = stepper.place_objects(Some(&[lost])).unwrap_err().to_string();
+    let refused = stepper
+        .place_objects(Some(&[lost]))
+        .unwrap_err()
+        .to_string();
     assert!(refused.contains("`box` is not finite"), "{refused}");
 }
 
@@ -82,11 +89,15 @@ fn a_robot_far_from_objects_moves_as_without_them_to_the_last_bit() {
 #[test]
 fn a_reset_brings_objects_back() {
     let robot = Robot::load("2m").unwrap();
-    let stepper = tdcr_sim::dynamics::Stepper::new(&robot, 2e-3, Integrator::SemiImplicitEuler).unwrap();
+    let stepper =
+        tdcr_sim::dynamics::Stepper::new(&robot, 2e-3, Integrator::SemiImplicitEuler).unwrap();
     let scene = Scene::new(shelf_and_box()).unwrap();
-    let stepper = tdcr_sim::contact::ContactStepper::new(stepper, &scene, Default::default()).unwrap();
+    let stepper =
+        tdcr_sim::contact::ContactStepper::new(stepper, &scene, Default::default()).unwrap();
     let mut moving = MovingRobot::among(stepper, 10);
-    moving.reset(&robot.mean_command(), &Loads::default()).unwrap();
+    moving
+        .reset(&robot.mean_command(), &Loads::default())
+        .unwrap();
     let start = moving.objects().to_vec();
     let command = robot.command(&LEFT).unwrap();
     for _ in 0..60 {
@@ -94,6 +105,8 @@ fn a_reset_brings_objects_back() {
     }
     let moved = moving.objects()[0].pose.translation.vector - start[0].pose.translation.vector;
     assert!(moved.norm() > 1e-3, "{moved:?}");
-    moving.reset(&robot.mean_command(), &Loads::default()).unwrap();
+    moving
+        .reset(&robot.mean_command(), &Loads::default())
+        .unwrap();
     assert_eq!(moving.objects(), start);
 }

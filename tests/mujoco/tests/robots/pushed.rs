@@ -62,11 +62,19 @@ fn a_pushed_box_goes_where_mujocos_goes() {
         let parcel = parcel.with_mass(mass).unwrap().at([-0.062, off, 0.265]);
         let scene = Scene::new(vec![table, parcel]).unwrap();
         let [ours, theirs] = paths(&scene, &LEFT);
-        let way: f64 = (theirs.windows(2)).map(|two| (place(&two[1]) - place(&two[0])).norm()).sum();
-        let apart = ours.iter().zip(&theirs).map(|(a, b)| (place(a) - place(b)).norm());
+        let way: f64 = (theirs.windows(2))
+            .map(|two| (place(&two[1]) - place(&two[0])).norm())
+            .sum();
+        let apart = ours
+            .iter()
+            .zip(&theirs)
+            .map(|(a, b)| (place(a) - place(b)).norm());
         let apart = apart.fold(0.0, f64::max);
         let end = [&ours, &theirs].map(|path| place(&path[STEPS - 1]));
-        eprintln!("{mass} kg, friction {friction}: {apart:e} m of {way} m ({:.2} %), ends {end:?}", 100.0 * apart / way);
+        eprintln!(
+            "{mass} kg, friction {friction}: {apart:e} m of {way} m ({:.2} %), ends {end:?}",
+            100.0 * apart / way
+        );
         assert!(way > 0.01, "{way}");
         assert!(apart < 0.02 * way, "{apart} {way}");
     }
@@ -86,7 +94,10 @@ fn a_pushed_door_turns_as_mujocos() {
     let [ours, theirs] = paths(&scene, &LEFT);
     // MuJoCo's one coordinate is the angle.
     let angle = |pose: &[f64; 7]| 2.0 * pose[6].atan2(pose[3]);
-    let apart = ours.iter().zip(&theirs).map(|(a, b)| (angle(a) - b[0]).abs());
+    let apart = ours
+        .iter()
+        .zip(&theirs)
+        .map(|(a, b)| (angle(a) - b[0]).abs());
     let (apart, end) = (apart.fold(0.0, f64::max), theirs[STEPS - 1][0]);
     eprintln!("door at {end} rad, within {apart:e} rad");
     assert!(end.abs() > 0.1 && apart < 0.02 * end.abs(), "{apart} {end}");
