@@ -4,7 +4,7 @@
 
 use std::hint::black_box;
 
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr::sim::cloud::{Observer, VoxelGrid};
@@ -208,5 +208,74 @@ fn touch_in_motion(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, settle, touch, step, touch_in_motion, observe);
+/// Steps of 2 ms from the straight pose, five blocks pressed on two discs each: fixed, as objects on a table of their own, and the step
+/// with nothing near.
+fn touch_objects(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("step among objects");
+    for name in ["2m", "3m", "5m"] {
+        let robot = Robot::load(name).expect("a standard robot");
+        let start = State::straight(&robot);
+        let discs = start.positions(&robot);
+        let blocks = |mass: Option<f64>, distance: f64| {
+            let block = |k: usize| {
+                let height = 0.5 * (discs[2 * k].z + discs[2 * k + 1].z);
+                let side = 0.03;
+                let block = Obstacle::cuboid(&format!("block {k}"), [side, side, side])
+                    .expect("a valid box")
+                    .at([0.5 * side + distance, 0.0, height]);
+                let shelf = Obstacle::cuboid(&format!("shelf {k}"), [side, side, 0.002])
+                    .expect("a valid box")
+                    .at([0.5 * side + 0.03, 0.0, height - 0.5 * side - 0.001]);
+                let block = match mass {
+                    Some(mass) => block.with_mass(mass).expect("a valid mass"),
+                    None => block,
+                };
+                [block, shelf]
+            };
+            Scene::new((0..5).flat_map(block).collect()).expect("a valid scene")
+        };
+        for (what, mass, distance) in [
+            ("5 fixed", None, 0.0199),
+            ("5 objects", Some(0.05), 0.0199),
+            ("5 objects, not touched", Some(0.05), 0.035),
+            ("5 fixed, not touched", None, 0.035),
+        ] {
+            let stepper = Stepper::new(&robot, 0.002, Integrator::SemiImplicitEuler)
+                .expect("a robot that can move");
+            let scene = blocks(mass, distance);
+            let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default())
+                .expect("objects that can move");
+            let command = robot.mean_command();
+            let slack = Loads::default();
+            let _ = stepper.step(&mut start.clone(), &command, &slack);
+            let (mut steps, mut contacts) = (0_usize, 0_usize);
+            group.bench_function(format!("{name}, {what}"), |bencher| {
+                bencher.iter_batched_ref(
+                    || (stepper.clone(), start.clone()),
+                    |(stepper, state)| {
+                        let moved = stepper.step(state, &command, &slack);
+                        steps += 1;
+                        contacts += stepper.contacts().len();
+                        black_box(moved)
+                    },
+                    BatchSize::SmallInput,
+                );
+            });
+            eprintln!(
+                "{name}: {:.1} contacts in the mean",
+                contacts as f64 / steps as f64
+            );
+        }
+    }
+}
+
+criterion_group!(
+    benches,
+    settle,
+    touch,
+    step,
+    touch_in_motion,
+    touch_objects,
+    observe
+);
 criterion_main!(benches);

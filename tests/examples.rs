@@ -16,6 +16,10 @@ mod friction_loop;
 #[allow(dead_code, reason = "its `main` is not called here")]
 #[path = "../examples/plan_in_clutter.rs"]
 mod plan_in_clutter;
+#[cfg(feature = "rapier")]
+#[allow(dead_code, reason = "its `main` is not called here")]
+#[path = "../examples/push.rs"]
+mod push;
 #[allow(dead_code, reason = "its `main` is not called here")]
 #[path = "../examples/rig.rs"]
 mod rig;
@@ -63,6 +67,16 @@ fn plan_in_clutter_draws_the_balls_and_what_a_straight_line_would_hit() {
     let svg = picture(plan_in_clutter::run);
     assert_stands_alone(&svg);
     for says in ["start", "goal", "straight", "distance (mm)"] {
+        assert!(svg.contains(says), "{says}");
+    }
+}
+
+#[cfg(feature = "rapier")]
+#[test]
+fn push_draws_the_robot_and_what_it_pushes() {
+    let svg = picture(push::run);
+    assert_stands_alone(&svg);
+    for says in ["robot", "box", "ball", "force (mN)"] {
         assert!(svg.contains(says), "{says}");
     }
 }

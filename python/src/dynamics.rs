@@ -13,6 +13,7 @@ use crate::arrays::{Tape, array, contiguous, quaternions, write_points, write_qu
 use crate::contact::{ContactRows, Touched, arrays};
 use crate::errors::{Failure, Outcome};
 use crate::loads::{LoadRows, Loads};
+use crate::objects;
 use crate::robot::{Robot, of_rows};
 use crate::run::{self, Watch};
 use crate::scene::Scene;
@@ -251,6 +252,8 @@ pub struct MotionRows {
     tensions: Py<PyArray3<f64>>,
     /// How many commands each row was moved by.
     steps: Py<PyArray1<u32>>,
+    /// The scene's objects, by rows, commands and objects.
+    objects: Py<PyArray4<f64>>,
     /// What is touched after each command, row after row, in a scene.
     contacts: Py<ContactRows>,
     /// Rows that could not go on: class of the exception, and why.
@@ -275,6 +278,7 @@ struct Row<'a> {
     lengths: &'a mut [f64],
     tensions: &'a mut [f64],
     steps: &'a mut u32,
+    objects: &'a mut [f64],
     /// What is touched after each command, in a scene.
     touched: Vec<Touched>,
 }
@@ -290,6 +294,8 @@ impl Row<'_> {
         self.velocity[part(3 * n)].copy_from_slice(&moving.state().velocity);
         self.lengths[part(t)].copy_from_slice(pose.tendon_lengths);
         self.tensions[part(t)].copy_from_slice(pose.tendon_tensions);
+        let width = objects::WIDTH * moving.objects().len();
+        objects::write(moving, &mut self.objects[part(width)]);
         if !of.scene.obstacles().is_empty() {
             (self.touched).push(Touched::in_motion(moving.contacts(), &of.scene));
         }
@@ -341,15 +347,18 @@ pub fn rollout_rows(
     let [mut positions, mut velocity] = [none(3 * n), none(3 * n)];
     let [mut quaternions, mut configuration] = [none(4 * n), none(4 * n)];
     let [mut lengths, mut tensions] = [none(t), none(t)];
+    let count = objects::count(&motions.scene);
+    let mut things = none(objects::WIDTH * count);
     let mut taken = vec![0; rows];
     let (ends, touched) = run::long(py, progress.as_ref(), |watch| {
         let poses = parts(&mut positions, rows).zip(parts(&mut quaternions, rows));
         let states = parts(&mut configuration, rows).zip(parts(&mut velocity, rows));
         let tendons = parts(&mut lengths, rows).zip(parts(&mut tensions, rows));
-        let out = (poses.zip(states)).zip(tendons.zip(&mut taken)).map(
+        let rest = parts(&mut things, rows).zip(&mut taken);
+        let out = (poses.zip(states)).zip(tendons.zip(rest)).map(
             |(
                 ((positions, quaternions), (configuration, velocity)),
-                ((lengths, tensions), steps),
+                ((lengths, tensions), (objects, steps)),
             )| {
                 Row {
                     positions,
@@ -359,6 +368,7 @@ pub fn rollout_rows(
                     lengths,
                     tensions,
                     steps,
+                    objects,
                     touched: Vec::new(),
                 }
             },
@@ -382,6 +392,7 @@ pub fn rollout_rows(
         lengths: array(py, lengths, [rows, length, t])?.unbind(),
         tensions: array(py, tensions, [rows, length, t])?.unbind(),
         steps: array(py, taken, [rows])?.unbind(),
+        objects: array(py, things, [rows, length, count, objects::WIDTH])?.unbind(),
         contacts: Py::new(py, arrays(py, &touched)?)?,
         failures,
     })

@@ -54,6 +54,7 @@ mod inverse;
 mod loads;
 mod metrics;
 mod moving_robot;
+mod objects;
 mod options;
 mod pages;
 mod plan;

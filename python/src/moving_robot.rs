@@ -10,6 +10,7 @@ use crate::contact::{ContactRows, Touched, arrays};
 use crate::dynamics::{command_of, state, state_as_it_was};
 use crate::errors::Outcome;
 use crate::loads::Loads;
+use crate::objects;
 use crate::robot::Robot;
 use crate::scene::Scene;
 use crate::steps::Steps;
@@ -35,6 +36,20 @@ impl MovingRobot {
     fn contacts(&self, py: Python<'_>) -> PyResult<ContactRows> {
         let touched = Touched::in_motion(self.0.contacts(), self.0.scene());
         arrays(py, &[touched])
+    }
+
+    /// The scene's objects, shape (objects, 16): the rows of `objects`.
+    fn objects<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let count = self.0.objects().len();
+        let mut numbers = vec![0.0; objects::WIDTH * count];
+        objects::write(&self.0, &mut numbers);
+        array(py, numbers, [count, objects::WIDTH])
+    }
+
+    /// Places the objects in states, shape (objects, 13).
+    fn place_objects(&mut self, states: PyReadonlyArray2<'_, f64>) -> Outcome<()> {
+        let states = objects::states(&states, self.0.objects().len())?;
+        Ok(self.0.place_objects(&states)?)
     }
 
     /// Starts anew at rest in the equilibrium of a command.

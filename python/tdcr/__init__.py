@@ -32,6 +32,7 @@ from tdcr.inverse import calibrate
 from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
+from tdcr.objects import Hinge, Objects, Slider
 from tdcr.planning import Deployment, Plan, follow_the_leader, plan
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor, Reached
 from tdcr.recordings import RecordingCalibration, calibrate_recording
@@ -60,12 +61,14 @@ __all__ = [
     "Equilibrium",
     "ExtrapolationWarning",
     "FrictionPath",
+    "Hinge",
     "Linearisation",
     "Loads",
     "Motion",
     "Motions",
     "MovingRobot",
     "Normalisation",
+    "Objects",
     "Obstacle",
     "Parameter",
     "Parameters",
@@ -84,6 +87,7 @@ __all__ = [
     "Scene",
     "SceneGradients",
     "Settler",
+    "Slider",
     "Split",
     "State",
     "Stream",

@@ -20,6 +20,7 @@ from tdcr._results import Batch, Result, is_row, row_of
 from tdcr.contact import Contacts
 from tdcr.errors import InputError
 from tdcr.loads import LoadRows, Loads
+from tdcr.objects import Objects
 from tdcr.robot import Robot, RobotLike, as_robot, as_robots
 from tdcr.scene import Scene, as_scene
 from tdcr.statics import Equilibria, Equilibrium
@@ -67,6 +68,7 @@ class Motion(Result):
         tensions: Tension of each tendon under the command, shape (T, t), positive when it pulls (N).
         contacts: What the robot touched in the last time step of each command, whose number is a contact's ``row``, in a scene;
             None without one. Forces are means over the time step and act at its begin; gaps are those at its end.
+        objects: Where the scene's objects are after each command, and how they move; None without a scene.
     """
 
     times: Floats
@@ -77,6 +79,7 @@ class Motion(Result):
     lengths: Floats
     tensions: Floats
     contacts: Contacts | None = None
+    objects: Objects | None = None
 
     @property
     def tip(self) -> Floats:
@@ -199,8 +202,8 @@ def simulate(
         dt: Time step (s).
         integrator: How a step is taken.
         frame_skip: Time steps for which each command holds.
-        scene: Obstacles around the robot, which stay where they are and have friction. The integrator is one of the two of first
-            order.
+        scene: Obstacles around the robot, which have friction. Those with a mass move, from where the scene has them. The integrator
+            is one of the two of first order.
         progress: Is called with the number of commands done since its last call, as ``tqdm(total=T).update``.
 
     Raises:
@@ -217,7 +220,10 @@ def simulate(
     for _, error, why in rows.failures:
         raise getattr(errors, error)(why)
     motion = Motions._of(rows, question.times)[0]
-    return motion if scene is None else replace(motion, contacts=Contacts._of(rows.contacts, [scene]))
+    if scene is None:
+        return motion
+    objects = Objects._of(scene.objects, rows.objects[0])
+    return replace(motion, contacts=Contacts._of(rows.contacts, [scene]), objects=objects)
 
 
 def rollout(

@@ -9,12 +9,14 @@ from tdcr._arrays import Floats, as_count, as_float, as_number
 from tdcr.contact import Contacts
 from tdcr.dynamics import Integrator, State, native_steps, one_state
 from tdcr.loads import Loads, one_load
+from tdcr.objects import Objects, object_states
 from tdcr.robot import RobotLike, as_robot
 from tdcr.scene import Scene, as_scene
 
 
 class MovingRobot:
-    """A robot in motion, step by step. It can be copied and pickled, state and all.
+    """A robot in motion, step by step. It can be copied and pickled, state and all. With objects a copy goes on as the first but for
+    rapier's tolerance: the impulses from which its search begins are not kept.
 
     What is read of it are copies: they stay as they are when the robot moves on.
 
@@ -23,8 +25,8 @@ class MovingRobot:
         dt: Time step (s). One that is too long for the robot is refused by the first :meth:`step`, or by :meth:`reset`.
         integrator: How a step is taken.
         frame_skip: Time steps for which a command holds.
-        scene: Obstacles around the robot, which stay where they are and have friction. The integrator is one of the two of first
-            order.
+        scene: Obstacles around the robot, which have friction. Those with a mass move: they are :attr:`objects`. The integrator is
+            one of the two of first order.
     """
 
     def __init__(
@@ -45,7 +47,8 @@ class MovingRobot:
         self.start_at(State.straight(robot))
 
     def reset(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> None:
-        """Starts anew at rest in the equilibrium of a command, shape (t,) (m or N), whatever was before.
+        """Starts anew at rest in the equilibrium of a command, shape (t,) (m or N), whatever was before. Objects are where the scene
+        has them, and held there while the robot settles.
 
         Args:
             command: One entry for each tendon.
@@ -59,8 +62,8 @@ class MovingRobot:
         self._native.reset(self._take(command), one_load(loads, payload)._native)
 
     def start_at(self, state: State, command: Any = None) -> None:
-        """Starts anew in a state. Until the next step, tensions are those under ``command``; under the mean one if it is not
-        given."""
+        """Starts anew in a state, objects where the scene has them. Until the next step, tensions are those under ``command``; under
+        the mean one if it is not given."""
         configuration, velocity = one_state(self.robot, state)
         self._native.start_at(configuration, velocity, self._take(self.robot.mean_command if command is None else command))
 
@@ -126,6 +129,20 @@ class MovingRobot:
         at its begin; gaps are those at its end. After a reset, what it touches at rest."""
         return None if self.scene is None else Contacts._of_one(self._native.contacts(), self.scene)
 
+    @property
+    def objects(self) -> Objects | None:
+        """Where the scene's objects are and how they move; None without a scene, and empty where no obstacle has a mass."""
+        return None if self.scene is None else Objects._of(self.scene.objects, self._native.objects())
+
+    def place_objects(self, objects: Objects) -> None:
+        """Places the objects where they were when :attr:`objects` was read, of a robot in the same scene. The robot stays as it is.
+
+        Raises:
+            InputError: For objects of another scene.
+        """
+        names = () if self.scene is None else self.scene.objects
+        self._native.place_objects(object_states(objects, names))
+
     def _take(self, command: Any) -> Floats:
         self._command = as_float(command, "command", (self.robot.tendons,))
         return self._command
@@ -135,9 +152,12 @@ class MovingRobot:
             "arguments": (self.robot, self.dt, self.integrator, self.frame_skip, self.scene),
             "state": (self.configuration, self.velocity, self._command),
             "clock": self._native.clock,
+            "objects": self.objects,
         }
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(*saved["arguments"])  # type: ignore[misc]
         configuration, velocity, command = saved["state"]
         self._native.resume_at(configuration, velocity, self._take(command), saved["clock"])
+        if (objects := saved.get("objects")) is not None and len(objects):
+            self.place_objects(objects)

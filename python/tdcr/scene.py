@@ -17,6 +17,7 @@ from tdcr._dictionary import in_its_words
 from tdcr._files import as_path, write_whole
 from tdcr._results import is_row
 from tdcr.errors import InputError, SceneError
+from tdcr.objects import Hinge, Slider, joint_of
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -36,7 +37,10 @@ class Obstacle:
         compliance: How far the surface gives way for each newton (m/N). Below 1e-8 m/N it counts as that in contact.
         friction: Coefficient of friction, which equilibria do not know yet.
         color: Red, green and blue under full light, 0 to 255.
-        mass: Mass of an obstacle that can move (kg), or None for one that is fixed.
+        mass: Mass of an obstacle that moves, an object (kg), or None for one that is fixed. Equilibria take objects as fixed.
+        velocity: Velocity of an object's origin at the start, world axes (m/s).
+        angular_velocity: Its angular velocity at the start, world axes (rad/s).
+        joint: A :class:`Hinge` or :class:`Slider` between an object and the world, or None for one that moves freely.
 
     Raises:
         SceneError: For values of the wrong type or shape, or not finite.
@@ -50,6 +54,9 @@ class Obstacle:
     friction: float = 0.0
     color: tuple[int, int, int] = (150, 140, 125)
     mass: float | None = None
+    velocity: Vector = (0.0, 0.0, 0.0)
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    joint: Hinge | Slider | None = None
     _size: tuple[tuple[str, Any], ...] = field(default=(), repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -63,6 +70,10 @@ class Obstacle:
             put(self, "color", _color(self.color, f"color {what}"))
             if self.mass is not None:
                 put(self, "mass", as_number(self.mass, f"mass {what}"))
+            put(self, "velocity", _numbers(self.velocity, f"velocity {what}", 3))
+            put(self, "angular_velocity", _numbers(self.angular_velocity, f"angular_velocity {what}", 3))
+            if not isinstance(self.joint, Hinge | Slider | None):
+                raise InputError(f"joint {what} is {self.joint!r}; expected a tdcr.Hinge or a tdcr.Slider")
             put(self, "_size", tuple((name, _checked(name, value, what)) for name, value in self._size))
         except InputError as error:
             raise SceneError(str(error)) from None
@@ -122,17 +133,23 @@ class Obstacle:
             "friction": self.friction,
             "color": self.color,
         }
-        return fields if self.mass is None else fields | {"mass": self.mass}
+        if self.mass is not None:
+            fields["mass"] = self.mass
+        # A file says of what is fixed that it does not move, by saying nothing.
+        fields |= {name: value for name in ("velocity", "angular_velocity") if any(value := getattr(self, name))}
+        return fields if self.joint is None else fields | {"joint": self.joint._fields()}
 
     @classmethod
     def _of(cls, fields: Mapping[str, Any]) -> Obstacle:
         """The obstacle of which a scene's file says this."""
         surface = {name: value for name, value in fields.items() if name in _SURFACE}
         (kind,) = fields.keys() - surface.keys() - {"name"}
+        if "joint" in surface:
+            surface["joint"] = joint_of(surface["joint"])
         return _made(cls, fields["name"], kind, surface, **fields[kind])
 
 
-_SURFACE = ("position", "orientation", "compliance", "friction", "color", "mass")
+_SURFACE = ("position", "orientation", "compliance", "friction", "color", "mass", "velocity", "angular_velocity", "joint")
 """Attributes that every obstacle has."""
 
 
@@ -231,6 +248,11 @@ class Scene(Sequence[Obstacle]):
     def names(self) -> tuple[str, ...]:
         """Names of the obstacles, by their numbers."""
         return self._names
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects: the obstacles that have a mass, so that they move, in the order of their numbers."""
+        return tuple(one["name"] for one in json.loads(self._text).get("obstacle", []) if "mass" in one)
 
     @property
     def self_contact(self) -> float | None:

@@ -73,6 +73,7 @@ pub mod geometry;
 pub mod inverse;
 mod lens;
 mod model_tangent;
+pub mod objects;
 pub mod pose;
 pub mod reactions;
 pub mod render;

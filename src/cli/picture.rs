@@ -272,6 +272,13 @@ impl<'a> MotionPicture<'a> {
         })
     }
 
+    /// Shows the objects where a scene has them from now on.
+    pub fn move_objects(&mut self, scene: &Scene) {
+        if scene.objects().next().is_some() {
+            self.scene = scene.clone();
+        }
+    }
+
     /// Adds the robot after step `step`, counted from 0, at a time (s).
     pub fn add(
         &mut self,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, UnitQuaternion, Vector3};
 use serde::Serialize;
 use tdcr::base::files::AtomicFile;
 use tdcr::pipeline::Monitor;
@@ -14,6 +14,7 @@ use tdcr::report::counted;
 use tdcr::sim::contact::{ContactLaw, ContactStepper};
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
 use tdcr::sim::robot::{Loads, Robot};
+use tdcr::sim::scene::Scene;
 
 use super::commands::read_commands;
 use super::console::{Console, Interrupted};
@@ -45,7 +46,8 @@ pub(super) struct SimulateArgs {
         value_name = "KG"
     )]
     payload: f64,
-    /// Write the disc origins (m) after every step to this CSV file; in a scene also the contacts' force on each disc (N)
+    /// Write the disc origins (m) after every step to this CSV file; in a scene also the contacts' force on each disc (N), and the
+    /// position (m) and quaternion (w, x, y, z) of each object
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Write the derivative of a semi-implicit step from the final state under the last command to
@@ -95,6 +97,49 @@ struct Simulated {
     /// What the robot touches at the end, of a scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     contacts: Option<Vec<ContactJson>>,
+    /// Where the scene's objects are at the end, if it has any.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    objects: Vec<ObjectJson>,
+}
+
+/// An object of a scene: an obstacle with a mass.
+#[derive(Serialize)]
+struct ObjectJson {
+    name: String,
+    /// Origin of its frame in the world (m).
+    position: [f64; 3],
+    /// Quaternion (w, x, y, z) with w >= 0 of that frame in the world.
+    orientation: [f64; 4],
+    /// Of that origin, world axes (m/s).
+    velocity: [f64; 3],
+    /// World axes (rad/s).
+    angular_velocity: [f64; 3],
+    /// Of the robot's contacts in the last step, world axes (N).
+    force: [f64; 3],
+}
+
+/// The objects as a stepper has them.
+fn objects_of(stepper: &ContactStepper) -> Vec<ObjectJson> {
+    let objects = stepper.scene().objects().zip(stepper.objects());
+    let objects = objects.map(|((number, obstacle), state)| {
+        let own = stepper.contacts().iter();
+        let own = own.filter(|contact| contact.partner.obstacle() == Some(number));
+        let force: Vector3<f64> = own.map(|contact| -contact.force).sum();
+        ObjectJson {
+            name: obstacle.name.clone(),
+            position: state.pose.translation.vector.into(),
+            orientation: upward(&state.pose.rotation),
+            velocity: state.velocity.into(),
+            angular_velocity: state.angular_velocity.into(),
+            force: force.into(),
+        }
+    });
+    objects.collect()
+}
+
+/// A rotation as a quaternion (w, x, y, z) with w >= 0.
+fn upward(q: &UnitQuaternion<f64>) -> [f64; 4] {
+    [q.w, q.i, q.j, q.k].map(|x| if q.w < 0.0 { -x } else { x })
 }
 
 pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> {
@@ -117,7 +162,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     let mut path = args
         .out
         .as_deref()
-        .map(|file| PathFile::create(file, &robot, has_obstacles))
+        .map(|file| PathFile::create(file, &robot, &scene))
         .transpose()?;
     let mut picture = (args.picture.wanted_of_motion()?)
         .map(|to| MotionPicture::new(to, &robot, &loads, &scene, (commands.len(), args.dt)))
@@ -137,6 +182,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
             path.write((step + 1) as f64 * args.dt, &state, &stepper)?;
         }
         if let Some(picture) = &mut picture {
+            picture.move_objects(stepper.scene());
             picture.add(step, (step + 1) as f64 * args.dt, &state.configuration)?;
         }
     }
@@ -158,10 +204,9 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
             .iter()
             .map(|p| [p.x, p.y, p.z])
             .collect(),
-        rotations: (state.configuration.0.iter())
-            .map(|q| [q.w, q.i, q.j, q.k].map(|x| if q.w < 0.0 { -x } else { x }))
-            .collect(),
+        rotations: (state.configuration.0.iter()).map(upward).collect(),
         velocity: state.velocity,
+        objects: objects_of(&stepper),
         contacts: has_obstacles.then(|| {
             let contacts = stepper.contacts().iter();
             (contacts.map(|contact| ContactJson::of(contact, &scene))).collect()
@@ -190,7 +235,8 @@ struct PathFile {
 }
 
 impl PathFile {
-    fn create(file: &Path, robot: &Robot, has_forces: bool) -> anyhow::Result<Self> {
+    fn create(file: &Path, robot: &Robot, scene: &Scene) -> anyhow::Result<Self> {
+        let has_forces = !scene.obstacles().is_empty();
         let created = AtomicFile::create(file)
             .with_context(|| format!("cannot create {}", file.display()))?;
         let mut path = Self {
@@ -205,6 +251,11 @@ impl PathFile {
         }
         for disc in (0..robot.discs().len()).filter(|_| has_forces) {
             let _ = write!(header, ",fx{disc} (N),fy{disc} (N),fz{disc} (N)");
+        }
+        for (_, object) in scene.objects() {
+            for column in ["x (m)", "y (m)", "z (m)", "qw", "qx", "qy", "qz"] {
+                let _ = write!(header, ",{}", quoted(&format!("{} {column}", object.name)));
+            }
         }
         path.line(&header)?;
         Ok(path)
@@ -224,6 +275,12 @@ impl PathFile {
                 let _ = write!(row, ",{},{},{}", force.x, force.y, force.z);
             }
         }
+        for object in stepper.objects() {
+            let (at, q) = (object.pose.translation.vector, object.pose.rotation);
+            for number in [at.x, at.y, at.z, q.w, q.i, q.j, q.k] {
+                let _ = write!(row, ",{number}");
+            }
+        }
         self.line(&row)
     }
 
@@ -237,6 +294,14 @@ impl PathFile {
         written
             .and_then(AtomicFile::commit)
             .with_context(|| format!("cannot write to {}", self.name.display()))
+    }
+}
+
+/// A cell of CSV: in quotes where it must be.
+fn quoted(text: &str) -> String {
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text.to_owned(),
     }
 }
 
@@ -261,6 +326,15 @@ fn table(simulated: &Simulated) -> String {
             text,
             "{} in the last step; the largest force is {strongest:.5} N",
             counted(contacts.len(), "contact")
+        );
+    }
+    for object in &simulated.objects {
+        let [x, y, z] = object.position;
+        let speed = Vector3::from(object.velocity).norm();
+        let _ = writeln!(
+            text,
+            "object `{}` at {x:.6} {y:.6} {z:.6} m, {speed:.3e} m/s",
+            object.name
         );
     }
     text

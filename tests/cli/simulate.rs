@@ -104,3 +104,56 @@ fn a_step_that_the_robot_is_too_stiff_for_is_refused() {
         );
     }
 }
+
+#[test]
+fn objects_move_and_their_poses_are_written() {
+    let (folder, file) = commands(&"0.034,0.007,0.001,0.026,0.015,0.019\n".repeat(400));
+    let scene = folder.path().join("scene.toml");
+    let path = folder.path().join("path.csv");
+    std::fs::write(
+        &scene,
+        "[[obstacle]]\nname = 'table'\nbox = { size = [0.3, 0.4, 0.02] }\nposition = [-0.2, 0.0, 0.23]\nfriction = 0.3\n
+         [[obstacle]]\nname = 'a, \"b\"'\nbox = { size = [0.03, 0.06, 0.05] }\nposition = [-0.062, 0.0, 0.265]\nmass = 0.02\n",
+    )
+    .unwrap();
+    let arguments = [
+        "simulate",
+        "--commands",
+        text(&file),
+        "--scene",
+        text(&scene),
+        "--out",
+        text(&path),
+    ];
+    let simulated = succeed_json(&arguments);
+    let object = &simulated["objects"][0];
+    assert_eq!(object["name"], "a, \"b\"");
+    let moved = object["position"][0].as_f64().unwrap() + 0.062;
+    assert!(moved.abs() > 1e-3, "{object}");
+    let rows = std::fs::read_to_string(&path).unwrap();
+    let rows: Vec<&str> = rows.lines().collect();
+    assert!(rows[0].ends_with(",\"a, \"\"b\"\" x (m)\",\"a, \"\"b\"\" y (m)\",\"a, \"\"b\"\" z (m)\",\"a, \"\"b\"\" qw\",\"a, \"\"b\"\" qx\",\"a, \"\"b\"\" qy\",\"a, \"\"b\"\" qz\""), "{}", rows[0]);
+    let last: Vec<f64> = rows[400].split(',').map(|x| x.parse().unwrap()).collect();
+    assert_eq!(last.len(), 1 + 60 + 7);
+    for axis in 0..3 {
+        assert_eq!(last[61 + axis], object["position"][axis].as_f64().unwrap());
+    }
+    let table = succeed(&arguments);
+    assert!(table.contains("object `a, \"b\"` at"), "{table}");
+}
+
+#[test]
+fn objects_of_shapes_that_do_not_move_are_refused() {
+    let (folder, file) = commands(PULL);
+    let scene = folder.path().join("scene.toml");
+    let tube = "[[obstacle]]\nname = 'tube'\npipe = { radius = 0.1, length = 0.2 }\nmass = 1.0\n";
+    std::fs::write(&scene, tube).unwrap();
+    let said = refuse(&[
+        "simulate",
+        "--commands",
+        text(&file),
+        "--scene",
+        text(&scene),
+    ]);
+    assert!(said.contains("object `tube` is a pipe"), "{said}");
+}

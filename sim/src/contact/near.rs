@@ -116,6 +116,16 @@ impl Neighbourhood {
         self.bounds.clear();
     }
 
+    /// Forgets what is known of other postures about an obstacle that has moved, given the number of discs.
+    pub fn forget(&mut self, obstacle: usize, discs: usize) {
+        if let Some(bounds) = self
+            .bounds
+            .get_mut(obstacle * discs..(obstacle + 1) * discs)
+        {
+            bounds.fill(Bound::UNKNOWN);
+        }
+    }
+
     /// Finds all beads whose gap to an obstacle is within `reach` (m).
     pub fn find(&mut self, beads: &Beads, scene: &Scene, chain: &Chain, reach: f64) {
         let n = chain.positions.len();

@@ -221,6 +221,31 @@ impl EquationsOfMotion {
         (self.bodies).react(&chain, armatures, &self.torques, reactions, out);
     }
 
+    /// The same, to be followed by [`respond_again`](Self::respond_again).
+    pub fn respond_keeping(
+        &mut self,
+        armatures: &[Vector3<f64>],
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
+        let still = self.still.iter_mut().zip(&self.motions);
+        still.for_each(|(still, motion)| still.arm = motion.arm);
+        let chain = MovingChain {
+            links: &self.links,
+            payload: &self.payload,
+            orientations: &self.posture.chain.orientations[1..],
+            motions: &self.still,
+            hinges: &self.posture.chain.hinges,
+        };
+        self.torques.fill(Vector3::zeros());
+        (self.bodies).react_keeping(&chain, armatures, &self.torques, reactions, out);
+    }
+
+    /// The same of the impulses of other `reactions`, with the forms of those before.
+    pub fn respond_again(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
+        self.bodies.react_again(&self.still, reactions, out);
+    }
+
     /// Writes `M a + bias - tau` in the state last entered (N m), armatures in `M` and damping in `tau`, for the joints'
     /// `accelerations` (rad/s²); world axes. The recursion of Newton and Euler (Featherstone, Rigid Body Dynamics
     /// Algorithms, ch. 5.3) about the joints' centres, in O(n).

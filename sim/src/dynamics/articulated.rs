@@ -37,6 +37,10 @@ struct Response {
 #[derive(Clone, Debug)]
 pub(super) struct ArticulatedBodies {
     responses: Vec<Response>,
+    /// `G` of each joint, where reactions are to be followed by others.
+    inverses: Vec<Matrix3<f64>>,
+    /// `G (tau - n0)` of each joint, of those that followed.
+    own: Vec<Vector3<f64>>,
 }
 
 /// What a joint passes on of the chain above it to the body below, about its own centre: inertia, and moment at no acceleration.
@@ -64,6 +68,8 @@ impl ArticulatedBodies {
         };
         Self {
             responses: vec![none; joints],
+            inverses: vec![Matrix3::zeros(); joints],
+            own: vec![Vector3::zeros(); joints],
         }
     }
 
@@ -88,12 +94,54 @@ impl ArticulatedBodies {
         reactions: &[Reaction],
         out: &mut [Vector3<f64>],
     ) {
-        self.gather(chain, armatures, torques, reactions);
+        self.gather::<false>(chain, armatures, torques, reactions);
         self.spread(chain.motions, out);
     }
 
+    /// The same, to be followed by [`react_again`](Self::react_again).
+    pub fn react_keeping(
+        &mut self,
+        chain: &MovingChain,
+        armatures: &[Vector3<f64>],
+        torques: &[Vector3<f64>],
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
+        self.gather::<true>(chain, armatures, torques, reactions);
+        self.spread(chain.motions, out);
+    }
+
+    /// What other impulses do to the chain at rest whose reactions were kept last, with the same forms: of these `reactions` only the
+    /// impulses count. Since `G` and `J` commute, or `G = A (A' J A + K)^-1 A'`, a joint passes on the moment `n0 + J G b` and the force
+    /// `f0 + H' G b`, `b = -n0`.
+    pub fn react_again(
+        &mut self,
+        motions: &[Motion],
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
+        let (mut moment, mut force) = (Vector3::zeros(), Vector3::zeros());
+        for joint in (0..self.responses.len()).rev() {
+            let response = &self.responses[joint];
+            moment -= reactions[joint].moment;
+            force -= reactions[joint].force;
+            let right = -moment;
+            self.own[joint] = times(&self.inverses[joint], &right);
+            force += transpose_times(&response.to_linear, &right);
+            moment += transpose_times(&response.to_angular, &right);
+            moment += motions[joint].arm.cross(&force);
+        }
+        let (mut alpha, mut shift) = (Vector3::zeros(), Vector3::zeros());
+        let joints = self.responses.iter().zip(&self.own).zip(motions);
+        for (((response, own), motion), out) in joints.zip(out) {
+            shift += alpha.cross(&motion.arm);
+            *out = own - times(&response.to_angular, &alpha) - times(&response.to_linear, &shift);
+            alpha += *out;
+        }
+    }
+
     /// From the tip to the base: articulated inertias, and the response of each joint.
-    fn gather(
+    fn gather<const KEEP: bool>(
         &mut self,
         chain: &MovingChain,
         armatures: &[Vector3<f64>],
@@ -114,10 +162,14 @@ impl ArticulatedBodies {
                 above.add_reaction(reaction);
             }
             let hinges = chain.hinges.get(joint).and_then(Option::as_ref);
-            *response = match hinges {
+            let inverse;
+            (*response, inverse) = match hinges {
                 None => above.pass_ball(armature.x, torque, motion),
                 Some(hinges) => above.pass_hinges(hinges, armature, torque, motion),
             };
+            if KEEP {
+                self.inverses[joint] = inverse.matrix();
+            }
         }
     }
 
@@ -172,9 +224,14 @@ impl Above {
         self.force -= reaction.force;
     }
 
-    /// Goes below a ball joint, to the centre of the next.
+    /// Goes below a ball joint, to the centre of the next. Its response, and `G`.
     #[inline(always)]
-    fn pass_ball(&mut self, armature: f64, torque: &Vector3<f64>, motion: &Motion) -> Response {
+    fn pass_ball(
+        &mut self,
+        armature: f64,
+        torque: &Vector3<f64>,
+        motion: &Motion,
+    ) -> (Response, Symmetric) {
         // G = (J + k I)^-1, and the joint's response with it.
         let mut joint = self.inertia;
         joint.xx += armature;
@@ -197,7 +254,7 @@ impl Above {
             to_linear,
         };
         self.go_below(&response, &passed, motion);
-        response
+        (response, inverse)
     }
 
     /// The same below a joint of hinges.
@@ -207,11 +264,12 @@ impl Above {
         armature: &Vector3<f64>,
         torque: &Vector3<f64>,
         motion: &Motion,
-    ) -> Response {
+    ) -> (Response, Symmetric) {
         let inertia = self.inertia.matrix();
         let axes = &hinges.axes;
         let joint = axes.tr_mul(&(inertia * axes)) + Matrix3::from_diagonal(armature);
         let inverse = axes * symmetric(&joint).inverse().matrix() * axes.transpose();
+        let kept = symmetric(&inverse);
         let response = Response {
             own: inverse * (torque - self.moment),
             to_angular: inverse * inertia,
@@ -223,7 +281,7 @@ impl Above {
             moment: self.moment + inertia * response.own,
         };
         self.go_below(&response, &passed, motion);
-        response
+        (response, kept)
     }
 
     /// Goes below a joint to the centre of the next, given what the joint passes on and how it responds.

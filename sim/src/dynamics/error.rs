@@ -3,6 +3,7 @@
 use thiserror::Error;
 
 use super::integrator::{Integrator, LARGEST_TURN};
+use crate::objects::ObjectError;
 use crate::robot::{LoadsError, ParameterError};
 
 /// Why a motion cannot be computed.
@@ -119,6 +120,9 @@ pub enum DynamicsError {
         /// The integrator.
         integrator: Integrator,
     },
+    /// Objects of the scene that cannot move.
+    #[error(transparent)]
+    Objects(#[from] ObjectError),
     /// A state from which a step has no finite derivative.
     #[error(
         "the step from this state has no finite derivative: the joints' accelerations, or the inverse of \

@@ -267,6 +267,21 @@ impl ImplicitEuler {
         self.matrix.solve(&self.forces, out);
         true
     }
+
+    /// The same of the impulses of other `reactions`, with the forms of those before.
+    pub fn respond_again(
+        &mut self,
+        equations: &EquationsOfMotion,
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
+        torques_of(
+            reactions,
+            &equations.posture.chain.centres,
+            &mut self.forces,
+        );
+        self.matrix.solve(&self.forces, out);
+    }
 }
 
 /// The mass matrix with `armatures` (kg m²), by the joints' coordinates.

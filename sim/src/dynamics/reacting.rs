@@ -108,6 +108,41 @@ impl Stepper {
         self.equations.respond(armatures, reactions, out);
     }
 
+    /// As [`respond`](Self::respond), to be followed by [`respond_again`](Self::respond_again).
+    pub(crate) fn respond_keeping(
+        &mut self,
+        loads: &Loads,
+        resistance: Resistance,
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
+        if self.implicit && resistance == Resistance::Step {
+            self.respond(loads, resistance, reactions, out);
+            return;
+        }
+        let armatures = match resistance {
+            Resistance::Step => &self.armatures,
+            Resistance::Inertia => &self.bare,
+        };
+        self.equations.respond_keeping(armatures, reactions, out);
+    }
+
+    /// Writes the change of the joints' rates by the impulses of other `reactions`, with the forms of those that were kept last.
+    pub(crate) fn respond_again(
+        &mut self,
+        resistance: Resistance,
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
+        let implicit = self.implicit && resistance == Resistance::Step;
+        match (&mut self.scheme, implicit) {
+            (Scheme::ImplicitEuler(scheme), true) => {
+                scheme.respond_again(&self.equations, reactions, out);
+            }
+            _ => self.equations.respond_again(reactions, out),
+        }
+    }
+
     /// Ends the step that was begun from `state`, the rates changed by `change` (rad/s, world axes).
     pub(crate) fn finish(
         &mut self,

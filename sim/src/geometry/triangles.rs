@@ -15,6 +15,9 @@ const AROUND: u32 = 36;
 /// Cosine of the angle (30 degrees) between the normals of two triangles from which on their edge is drawn.
 const CREASE: f64 = 0.866;
 
+/// Share of a hull's volume that a surface may lack and be convex.
+const CONVEX: f64 = 1e-9;
+
 /// A surface of triangles.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Triangles {
@@ -55,6 +58,13 @@ impl Shape {
             points: placed.map(|point| point.coords).collect(),
             triangles,
         }
+    }
+
+    /// The surface of its convex hull, where the shape is closed and convex, so that the hull is the shape itself; `None` of others.
+    pub(crate) fn convex_surface(&self) -> Option<Triangles> {
+        let surface = self.triangles(&Isometry3::identity());
+        let hull = surface.hull()?;
+        (surface.volume().abs() >= (1.0 - CONVEX) * hull.volume()).then_some(hull)
     }
 }
 

@@ -7,6 +7,8 @@ use super::error::refuse;
 
 /// Largest length and coordinate (m).
 pub(super) const LARGEST_LENGTH: f64 = 1e6;
+/// Largest component of a velocity (m/s or rad/s).
+const LARGEST_SPEED: f64 = 1e4;
 /// Largest of all other quantities, in SI units: products of several such do not overflow.
 const LARGEST: f64 = 1e15;
 
@@ -88,6 +90,27 @@ fn normalised(quaternion: Quaternion<f64>) -> UnitQuaternion<f64> {
     match (quaternion.norm() - 1.0).abs() <= 4.0 * f64::EPSILON {
         true => UnitQuaternion::new_unchecked(quaternion),
         false => UnitQuaternion::from_quaternion(quaternion),
+    }
+}
+
+/// Whether three numbers are a direction: finite, of usual size, and not all next to 0.
+pub(super) fn is_direction(axis: &[f64; 3]) -> bool {
+    axis.iter().all(|x| x.abs() <= LARGEST) && axis.iter().any(|x| x.abs() >= 1e-6)
+}
+
+/// Components of a velocity (m/s or rad/s).
+pub(super) fn velocity(obstacle: &str, field: &str, value: &[f64; 3]) -> Result<(), SceneError> {
+    match value.iter().all(|x| x.abs() <= LARGEST_SPEED) {
+        true => Ok(()),
+        false => {
+            let value = format!("{value:?}");
+            Err(refuse(
+                obstacle,
+                field,
+                value,
+                "finite components of at most 1e4",
+            ))
+        }
     }
 }
 

@@ -23,6 +23,7 @@ mod checks;
 mod compile;
 mod distance;
 mod error;
+mod joint_spec;
 mod obstacle;
 mod read;
 mod shape_spec;
@@ -31,6 +32,7 @@ mod whole;
 
 pub use compile::ObstacleShape;
 pub use error::SceneError;
+pub use joint_spec::{HingeSpec, JointSpec, SliderSpec};
 pub use obstacle::Obstacle;
 pub use shape_spec::ShapeSpec;
 pub use spec::{ObstacleSpec, SceneSpec, SelfContact};
@@ -127,6 +129,17 @@ impl Scene {
     /// The obstacles, by their numbers.
     pub fn obstacles(&self) -> &[Obstacle] {
         &self.obstacles
+    }
+
+    /// The same, to be moved in place. Clones that share them keep theirs.
+    pub(crate) fn obstacles_mut(&mut self) -> &mut [Obstacle] {
+        Arc::make_mut(&mut self.obstacles)
+    }
+
+    /// The obstacles that have a mass, so that they move, with their numbers: the scene's objects, in this order.
+    pub fn objects(&self) -> impl Iterator<Item = (usize, &Obstacle)> {
+        let obstacles = self.obstacles.iter().enumerate();
+        obstacles.filter(|(_, obstacle)| obstacle.mass.is_some())
     }
 
     /// Whether robots touch themselves.

@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use nalgebra::{Isometry3, Matrix3, Translation3};
+use nalgebra::{Isometry3, Matrix3, Translation3, Vector3};
 
 use super::SceneError;
-use super::checks::{LARGEST_LENGTH, not_negative, orientation, point, pose, positive};
+use super::checks::{LARGEST_LENGTH, not_negative, orientation, point, pose, positive, velocity};
 use super::compile::{ObstacleShape, Sources};
 use super::error::{called, refuse};
+use super::joint_spec::JointSpec;
 use super::shape_spec::ShapeSpec;
 use super::spec::ObstacleSpec;
 use crate::geometry::{Cuboid, Kind, Shape, Triangles};
@@ -46,6 +47,12 @@ pub struct Obstacle {
     pub color: [u8; 3],
     /// Mass of an obstacle that can move (kg); `None` for one that is fixed.
     pub mass: Option<f64>,
+    /// Velocity of its frame's origin (m/s) and angular velocity (rad/s) with which it starts, world axes; 0 of what is fixed.
+    pub velocity: Vector3<f64>,
+    /// See `velocity`.
+    pub angular_velocity: Vector3<f64>,
+    /// The one motion that it has; `None` for one that moves freely, or is fixed.
+    pub joint: Option<JointSpec>,
     /// What a mesh or a pipe was made from.
     source: Option<ShapeSpec>,
 }
@@ -63,6 +70,9 @@ impl Obstacle {
             friction: spec.friction,
             color: spec.color,
             mass: spec.mass,
+            velocity: Vector3::zeros(),
+            angular_velocity: Vector3::zeros(),
+            joint: None,
             source: None,
         }
     }
@@ -173,6 +183,9 @@ impl Obstacle {
             friction: spec.friction,
             color: spec.color,
             mass: spec.mass,
+            velocity: spec.velocity.into(),
+            angular_velocity: spec.angular_velocity.into(),
+            joint: spec.joint,
             source: Some(spec.shape),
         };
         compiled.check(obstacle)?;
@@ -236,6 +249,28 @@ impl Obstacle {
         self.checked()
     }
 
+    /// The same with the velocity of its frame's origin (m/s) and the angular velocity (rad/s) with which it starts, world axes.
+    ///
+    /// # Errors
+    /// [`SceneError::Field`] for components above 1e4, and where it has no mass.
+    pub fn with_velocity(
+        mut self,
+        linear: [f64; 3],
+        angular: [f64; 3],
+    ) -> Result<Self, SceneError> {
+        (self.velocity, self.angular_velocity) = (linear.into(), angular.into());
+        self.checked()
+    }
+
+    /// The same with a joint to the world.
+    ///
+    /// # Errors
+    /// [`SceneError::Field`] for numbers that no joint has, and where it has no mass.
+    pub fn with_joint(mut self, joint: JointSpec) -> Result<Self, SceneError> {
+        self.joint = Some(joint);
+        self.checked()
+    }
+
     fn checked(self) -> Result<Self, SceneError> {
         self.check(&called(None, Some(&self.name)))?;
         Ok(self)
@@ -258,7 +293,31 @@ impl Obstacle {
                 ));
             }
         }
+        self.check_motion(obstacle)?;
         self.check_size(obstacle)
+    }
+
+    /// What only an obstacle with a mass has.
+    fn check_motion(&self, obstacle: &str) -> Result<(), SceneError> {
+        let velocities = [
+            ("velocity", self.velocity),
+            ("angular_velocity", self.angular_velocity),
+        ];
+        for (field, value) in velocities {
+            velocity(obstacle, field, value.as_ref())?;
+            if self.mass.is_none() && value != Vector3::zeros() {
+                let found = format!("{:?}", <[f64; 3]>::from(value));
+                return Err(refuse(obstacle, field, found, "none without a `mass`"));
+            }
+        }
+        let Some(joint) = &self.joint else {
+            return Ok(());
+        };
+        joint.check(obstacle)?;
+        match self.mass {
+            Some(_) => Ok(()),
+            None => Err(refuse(obstacle, "joint", "given", "none without a `mass`")),
+        }
     }
 
     fn check_name(&self, obstacle: &str) -> Result<(), SceneError> {
@@ -362,6 +421,9 @@ impl Obstacle {
             friction: self.friction,
             color: self.color,
             mass: self.mass,
+            velocity: self.velocity.into(),
+            angular_velocity: self.angular_velocity.into(),
+            joint: self.joint,
         })
     }
 }

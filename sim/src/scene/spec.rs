@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::SceneError;
 use super::checks::is_compliance;
 use super::error::{called, refuse};
+use super::joint_spec::JointSpec;
 use super::shape_spec::{
     BoxInFile, HalfSpaceInFile, MeshInFile, PipeInFile, RoundInFile, ShapeSpec, SphereInFile,
 };
@@ -78,6 +79,12 @@ pub struct ObstacleSpec {
     pub color: [u8; 3],
     /// Mass of an obstacle that can move (kg); `None` for one that is fixed.
     pub mass: Option<f64>,
+    /// Velocity of its frame's origin (m/s) and angular velocity (rad/s) with which it starts, world axes; 0 of what is fixed.
+    pub velocity: [f64; 3],
+    /// See `velocity`.
+    pub angular_velocity: [f64; 3],
+    /// The one motion that it has; `None` for one that moves freely, or is fixed.
+    pub joint: Option<JointSpec>,
 }
 
 impl ObstacleSpec {
@@ -92,6 +99,9 @@ impl ObstacleSpec {
             friction: 0.0,
             color: COLOR,
             mass: None,
+            velocity: [0.0; 3],
+            angular_velocity: [0.0; 3],
+            joint: None,
         }
     }
 }
@@ -145,6 +155,12 @@ pub(super) struct ObstacleInFile {
     color: [u8; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
     mass: Option<f64>,
+    #[serde(default, skip_serializing_if = "is_origin")]
+    velocity: [f64; 3],
+    #[serde(default, skip_serializing_if = "is_origin")]
+    angular_velocity: [f64; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    joint: Option<JointSpec>,
     #[serde(skip_serializing_if = "Option::is_none")]
     half_space: Option<HalfSpaceInFile>,
     #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
@@ -207,6 +223,9 @@ impl ObstacleInFile {
             friction: self.friction,
             color: self.color,
             mass: self.mass,
+            velocity: self.velocity,
+            angular_velocity: self.angular_velocity,
+            joint: self.joint,
         })
     }
 
@@ -292,6 +311,9 @@ impl From<ObstacleSpec> for ObstacleInFile {
             friction: spec.friction,
             color: spec.color,
             mass: spec.mass,
+            velocity: spec.velocity,
+            angular_velocity: spec.angular_velocity,
+            joint: spec.joint,
             half_space: None,
             cuboid: None,
             sphere: None,

@@ -5,6 +5,7 @@ use nalgebra::UnitQuaternion;
 use super::{Simulation, SimulationError, check, settled};
 use crate::contact::{Contact, ContactLaw, ContactSettler, ContactStepper};
 use crate::dynamics::{DynamicsError, Integrator, State, Stepper};
+use crate::objects::ObjectState;
 use crate::pose::Pose;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
@@ -84,7 +85,20 @@ impl MovingRobot {
         }
     }
 
-    /// The obstacles around the robot.
+    /// Where the scene's objects are and how they move, in the order of [`Scene::objects`].
+    pub fn objects(&self) -> &[ObjectState] {
+        self.stepper.objects()
+    }
+
+    /// Places the objects in states, one for each in the order of [`Scene::objects`]; the robot stays as it is.
+    ///
+    /// # Errors
+    /// [`SimulationError::Dynamics`] for states of other objects, or not finite.
+    pub fn place_objects(&mut self, states: &[ObjectState]) -> Result<(), SimulationError> {
+        Ok(self.stepper.place_objects(Some(states))?)
+    }
+
+    /// The obstacles around the robot, objects where they are now.
     pub fn scene(&self) -> &Scene {
         self.stepper.scene()
     }
@@ -99,19 +113,20 @@ impl MovingRobot {
         self.taken as f64 * self.stepper().timestep()
     }
 
-    /// Starts anew in `state`, the tendons under `command`.
+    /// Starts anew in `state`, the tendons under `command`, objects as the scene has them.
     ///
     /// # Errors
     /// [`SimulationError`] where they are not of this robot, or the state is inside an obstacle.
     pub fn start_at(&mut self, state: &State, command: &Command) -> Result<(), SimulationError> {
         self.take(state, command)?;
+        self.stepper.place_objects(None)?;
         self.stepper.check_start(state)?;
         (self.taken, self.phase) = (0, Phase::Started);
         Ok(())
     }
 
     /// Goes on with a motion that was left in `state` under `command`, where [`MovingRobot::taken`] was `taken`: as if it
-    /// had not been left, to the last bit.
+    /// had not been left, to the last bit. Objects stay where they are: [`MovingRobot::place_objects`] places them.
     ///
     /// # Errors
     /// As [`MovingRobot::start_at`].
@@ -222,9 +237,10 @@ impl Simulation for MovingRobot {
         self.stepper.robot()
     }
 
-    /// At rest in the equilibrium.
+    /// At rest in the equilibrium among obstacles and objects where the scene has them at first, objects held there meanwhile.
     fn reset(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {
         check(self.robot(), command, loads)?;
+        self.stepper.place_objects(None)?;
         let equilibrium = &self.settler.settle(command, loads)?.equilibrium;
         let configuration = &equilibrium.configuration;
         self.state.configuration.0.copy_from_slice(&configuration.0);

@@ -5,6 +5,8 @@ mod contact;
 mod cosserat_motion;
 mod dynamics;
 mod flutter;
+#[cfg(feature = "rapier")]
+mod objects;
 #[path = "../common/random_robot.rs"]
 mod random_robot;
 mod simulation;

@@ -58,6 +58,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
     """Public functions and methods, with arguments that are right; the files that they would read are not there."""
     out, missing = folder / "out", folder / "missing"
     settler, moving, path = tdcr.Settler(ROBOT), tdcr.MovingRobot(ROBOT), tdcr.FrictionPath(ROBOT)
+    among = tdcr.MovingRobot(ROBOT, scene=SCENE)
     stream = tdcr.Stream(ROBOT, points=50)
     batch, target = {"robot": ROBOT, "commands": ROWS}, tdcr.inverse.Target(position=SETTLED.tip)
     controller = tdcr.inverse.ShapeController(ROBOT, samples=3, starts=1, max_steps=3)
@@ -84,7 +85,9 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (SCENE.save, {"path": folder / "scene.toml"}),
         (tdcr.Obstacle.half_space, {"name": "floor", "position": (0, 0, 0), "orientation": (1, 0, 0, 0), "compliance": 1e-6}),
         (tdcr.Obstacle.box, {"name": "box", "size": (1, 1, 1), "friction": 0.1, "color": (1, 2, 3), "mass": 1.0}),
-        (tdcr.Obstacle.sphere, {"name": "ball", "radius": 1.0}),
+        (tdcr.Obstacle.sphere, {"name": "ball", "radius": 1.0, "mass": 1.0, "velocity": (0, 0, 0), "angular_velocity": (0, 0, 0)}),
+        (tdcr.Hinge, {"axis": (0, 0, 1), "anchor": (0, 0, 0), "limits": (-1, 1), "damping": 0.1}),
+        (tdcr.Slider, {"axis": (0, 0, 1), "limits": (-1, 1), "damping": 0.1}),
         (tdcr.Obstacle.capsule, {"name": "rod", "radius": 1.0, "length": 1.0}),
         (tdcr.Obstacle.cylinder, {"name": "post", "radius": 1.0, "length": 1.0}),
         (tdcr.Obstacle.pipe, {"name": "pipe", "radius": 1.0, "length": 1.0, "path": None}),
@@ -121,6 +124,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (moving.reset, {"command": COMMAND, "loads": None, "payload": None}),
         (moving.start_at, {"state": tdcr.State.straight(ROBOT), "command": None}),
         (moving.step, {"command": COMMAND, "loads": None, "payload": None, "frame_skip": 1}),
+        (among.place_objects, {"objects": among.objects}),
         (tdcr.jacobian, {**batch, "parameters": None, "payload": None, "wrench": None, "loads": None, "on_failure": "raise"}),
         (tdcr.jvp, {**batch, "parameters": ["payload"], "rates": [1.0], "payload": None, "on_failure": "raise"}),
         (tdcr.vjp, {**batch, "parameters": ["payload"], "by_positions": np.zeros((1, 10, 3)), "by_quaternions": None}),

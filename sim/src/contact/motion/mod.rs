@@ -4,21 +4,28 @@
 //! problem that Newton's method solves in O(n) an iteration, whatever the number of contacts (`problem`). Gaps are those at the begin of
 //! the step and change with the velocities to first order.
 
+mod coupled;
+mod gather;
 mod law;
+mod objects;
 mod problem;
+mod response;
 mod start;
+mod touch;
 
 pub use law::{ContactLaw, Impedance};
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use self::law::Push;
-use self::problem::{DiscVelocities, Problem, Touch};
+use self::objects::Objects;
+use self::problem::Problem;
+use self::response::{StepResponse, mobilities_of};
+use self::touch::{DiscVelocities, Opposite, Side};
 use super::equations::REACH;
 use super::law::STIFFEST;
-use super::near::{Near, Neighbourhood};
+use super::near::Neighbourhood;
 use super::{Activity, Contact, Partner};
-use crate::dynamics::{DynamicsError, Energy, Reaction, Resistance, State, Stepper};
+use crate::dynamics::{DynamicsError, Energy, Resistance, State, Stepper};
 use crate::geometry::Beads;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
@@ -28,8 +35,10 @@ const LEAST: f64 = 0.02;
 /// How often a step is solved again with contacts farther away among its own, where it moved a disc so far.
 const MAX_REACHES: usize = 6;
 
-/// Moves states of one robot among the obstacles of one scene, which stay where they are. In a scene without obstacles this is the
-/// [`Stepper`] that it is made of, to the last bit.
+/// Moves states of one robot among the obstacles of one scene. Those with a mass move along: they are the stepper's [`objects`].
+/// The others stay where they are. In a scene without obstacles this is the [`Stepper`] that it is made of, to the last bit.
+///
+/// [`objects`]: Self::objects
 ///
 /// ```
 /// use tdcr_sim::contact::{ContactLaw, ContactStepper};
@@ -61,6 +70,7 @@ pub struct ContactStepper {
     reach: f64,
     /// Of each disc, inverse inertance of its centre of mass in the straight pose (1/kg).
     mobilities: Vec<f64>,
+    objects: Objects,
     neighbourhood: Neighbourhood,
     problem: Problem,
     /// Centres of the joints at the begin of the step (m).
@@ -81,7 +91,8 @@ impl ContactStepper {
     /// Steps of `stepper` among the obstacles of `scene`, with the collision geometry [`Beads::new`].
     ///
     /// # Errors
-    /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles.
+    /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles;
+    /// [`DynamicsError::Objects`] for objects that cannot move.
     pub fn new(stepper: Stepper, scene: &Scene, law: ContactLaw) -> Result<Self, DynamicsError> {
         let beads = Beads::new(stepper.robot());
         Self::with_beads(stepper, scene, law, beads)
@@ -105,6 +116,8 @@ impl ContactStepper {
                 mobilities = mobilities_of(&mut stepper)?;
             }
         }
+        let gravity = stepper.robot().gravity();
+        let objects = Objects::new(scene, gravity, stepper.timestep())?;
         let zeros = vec![Vector3::zeros(); n];
         Ok(Self {
             reach: REACH * (0..n).map(|disc| beads.enclosing(disc)).fold(0.0, f64::max),
@@ -113,6 +126,7 @@ impl ContactStepper {
             beads,
             law,
             mobilities,
+            objects,
             neighbourhood: Neighbourhood::default(),
             problem: Problem::default(),
             centres: Vec::with_capacity(n),
@@ -136,7 +150,7 @@ impl ContactStepper {
         self.stepper.robot()
     }
 
-    /// The scene.
+    /// The scene as it stands: objects are where they are now.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
@@ -181,11 +195,18 @@ impl ContactStepper {
         let (resistance, free, rates) = (self.resistance(), &mut self.free, &mut self.rates);
         (self.stepper).free_rates((state, command), resistance, free, rates);
         self.change.fill(Vector3::zeros());
+        self.problem.movables.all.clear();
         if self.free.iter().all(|rate| rate.norm_squared().is_finite()) {
             self.touch(loads);
             self.report();
         }
-        self.stepper.finish(state, &self.change)
+        (self.objects).take(&self.problem.movables, &self.problem.touches);
+        self.stepper.finish(state, &self.change)?;
+        if !self.objects.are_none() {
+            self.objects.step()?;
+            self.follow_objects();
+        }
+        Ok(())
     }
 
     /// Energy of `state` under `command` and `loads`, with that of pressed surfaces of [`ContactLaw::Compliant`] in the potential.
@@ -229,7 +250,8 @@ impl ContactStepper {
         self.starts.set(&self.centres, &self.rates);
         self.motions.set(&self.centres, &self.free);
         // What no disc reaches in the step does nothing in it.
-        let mut reach = (2.0 * self.farthest() * window).max(LEAST * self.reach);
+        let fastest = self.farthest() + self.objects.fastest(&self.problem.movables);
+        let mut reach = (2.0 * fastest * window).max(LEAST * self.reach);
         for _ in 0..MAX_REACHES {
             let chain = &self.stepper.posture().chain;
             let (beads, scene) = (&self.beads, &self.scene);
@@ -245,7 +267,8 @@ impl ContactStepper {
             let rates = self.rates.iter_mut().zip(&self.free).zip(&self.change);
             rates.for_each(|((rate, free), change)| *rate = free + change);
             self.motions.set(&self.centres, &self.rates);
-            let farthest = self.farthest() * window;
+            let fastest = self.farthest() + self.objects.fastest(&self.problem.movables);
+            let farthest = fastest * window;
             if farthest <= reach || !farthest.is_finite() {
                 return;
             }
@@ -263,58 +286,17 @@ impl ContactStepper {
         speeds.fold(0.0, f64::max)
     }
 
-    fn set_touches(&mut self) {
-        self.problem.touches.clear();
-        for near in &self.neighbourhood.near {
-            if let Some(touch) = self.touch_of(near) {
-                self.problem.touches.push(touch);
-            }
-        }
-    }
-
-    /// A bead near an obstacle as the problem has it; none if the law takes no notice of it.
-    fn touch_of(&self, near: &Near) -> Option<Touch> {
-        let h = self.stepper.timestep();
-        let disc = near.bead.disc;
-        let obstacle = &self.scene.obstacles()[near.obstacle];
-        let normal = near.normal.try_normalize(0.0)?;
-        let arm = near.arm - normal * (near.gap + near.bead.radius);
-        let (push, friction) = match self.law {
-            ContactLaw::Compliant { relaxation } => {
-                let push = Push::compliant(near.gap, obstacle.compliance, relaxation, h);
-                (push, obstacle.friction)
-            }
-            ContactLaw::Impedance(_) if near.gap > 0.0 => return None,
-            ContactLaw::Impedance(law) => {
-                let speed = near.normal.dot(&self.starts.of(disc, &arm));
-                (law.push(near.gap, speed, self.mobilities[disc], h), 0.0)
-            }
-        };
-        let free = self.motions.of(disc, &arm);
-        Some(Touch {
-            disc,
-            obstacle: near.obstacle,
-            gap: near.gap,
-            gradient: near.normal,
-            normal,
-            arm,
-            push,
-            friction,
-            bound: 0.0,
-            free,
-            velocity: free,
-            impulse: Vector3::zeros(),
-        })
-    }
-
     /// Solves the problem, and takes the change of the rates.
     fn solve(&mut self, loads: &Loads) {
         let resistance = self.resistance();
-        let stepper = &mut self.stepper;
-        let solved = self.problem.solve(&self.centres, |reactions, out| {
-            stepper.respond(loads, resistance, reactions, out);
-        });
+        let mut robot = StepResponse {
+            stepper: &mut self.stepper,
+            loads,
+            resistance,
+        };
+        let solved = self.problem.solve(&self.centres, &mut robot);
         self.unsolved += usize::from(!solved);
+        let stepper = robot.stepper;
         match resistance {
             Resistance::Step => self.change.copy_from_slice(&self.problem.change),
             Resistance::Inertia => {
@@ -327,41 +309,22 @@ impl ContactStepper {
     fn report(&mut self) {
         let (h, chain) = (self.stepper.timestep(), &self.stepper.posture().chain);
         let touches = self.problem.touches.iter().filter(|touch| touch.acts());
-        self.contacts.extend(touches.map(|touch| Contact {
-            disc: touch.disc,
-            partner: Partner::Obstacle(touch.obstacle),
-            point: chain.centres[touch.disc] + touch.arm,
-            normal: touch.normal,
-            gap: touch.gap + h * touch.gradient.dot(&self.motions.of(touch.disc, &touch.arm)),
-            force: touch.impulse / h,
-            activity: Activity::Strict,
-            sliding: touch.sliding(),
-        }));
+        for touch in touches {
+            let Side::Disc(disc) = touch.on else { continue };
+            let mut velocity = self.motions.of(disc, &touch.arm);
+            if let Some(Opposite { object, arm }) = &touch.against {
+                velocity -= self.problem.movables.all[*object].velocity(arm);
+            }
+            self.contacts.push(Contact {
+                disc,
+                partner: Partner::Obstacle(touch.obstacle),
+                point: chain.centres[disc] + touch.arm,
+                normal: touch.normal,
+                gap: touch.gap + h * touch.gradient.dot(&velocity),
+                force: touch.impulse / h,
+                activity: Activity::Strict,
+                sliding: touch.sliding(),
+            });
+        }
     }
-}
-
-/// Of each disc, a third of the trace of the matrix by which an impulse on its centre of mass changes the velocity there, in the
-/// straight pose (1/kg): MuJoCo's `body_invweight0`.
-fn mobilities_of(stepper: &mut Stepper) -> Result<Vec<f64>, DynamicsError> {
-    let robot = stepper.robot().clone();
-    let loads = Loads::default();
-    stepper.begin(&State::straight(&robot), &robot.mean_command(), &loads)?;
-    let chain = stepper.posture().chain.clone();
-    let n = robot.discs().len();
-    let mut change = vec![Vector3::zeros(); n];
-    let mut velocities = DiscVelocities::default();
-    let mobility = |disc: usize| {
-        let own = &robot.discs()[disc];
-        let arm = chain.disc(disc) * (own.origin + own.centre_of_mass);
-        let along = (0..3).map(|axis| {
-            let mut reactions = vec![Reaction::default(); n];
-            let impulse = Vector3::ith(axis, 1.0);
-            reactions[disc].push(&arm, &impulse, &Matrix3::zeros());
-            stepper.respond(&loads, Resistance::Inertia, &reactions, &mut change);
-            velocities.set(&chain.centres, &change);
-            velocities.of(disc, &arm)[axis]
-        });
-        along.sum::<f64>() / 3.0
-    };
-    Ok((0..n).map(mobility).collect())
 }

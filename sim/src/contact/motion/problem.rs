@@ -12,12 +12,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::super::Sliding;
-use super::law::Push;
+use super::coupled::{Movables, Responds};
+use super::touch::{DiscVelocities, Response, Side, Touch};
 use crate::dynamics::Reaction;
 
-/// Sliding velocity (m/s) up to which a contact sticks: it creeps by as much at most.
-const STICK: f64 = 1e-6;
 /// Largest difference of impulses, for the largest of them, at which the problem is solved.
 const TOLERANCE: f64 = 1e-10;
 /// Impulse (N s) that is none.
@@ -30,89 +28,6 @@ const SAME_BOUND: f64 = 1e-6;
 const FLAT: f64 = 1e-3;
 const MAX_TRIALS: usize = 60;
 
-/// A point at which a disc touches or soon may.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Touch {
-    pub disc: usize,
-    pub obstacle: usize,
-    /// Gap (m) at the begin of the step, and its gradient by the bead's centre.
-    pub gap: f64,
-    pub gradient: Vector3<f64>,
-    /// That gradient's direction.
-    pub normal: Vector3<f64>,
-    /// The point from the centre of the disc's joint, world axes (m).
-    pub arm: Vector3<f64>,
-    pub push: Push,
-    /// Coefficient of friction, and the bound of its impulse (N s).
-    pub friction: f64,
-    pub bound: f64,
-    /// Velocity without contacts, and with (m/s).
-    pub free: Vector3<f64>,
-    pub velocity: Vector3<f64>,
-    /// The impulse that the velocities are of (N s).
-    pub impulse: Vector3<f64>,
-}
-
-/// What a contact does at its velocity.
-struct Response {
-    impulse: Vector3<f64>,
-    inertance: Matrix3<f64>,
-}
-
-impl Touch {
-    /// Impulse along the gradient at a velocity (N s).
-    fn pressed(&self, velocity: &Vector3<f64>) -> f64 {
-        self.push.inertance * (self.push.speed - self.gradient.dot(velocity)).max(0.0)
-    }
-
-    /// The impulse at a velocity.
-    fn impulse_at(&self, velocity: &Vector3<f64>) -> Vector3<f64> {
-        let mut impulse = self.gradient * self.pressed(velocity);
-        if self.bound > 0.0 {
-            let sliding = velocity - self.normal * self.normal.dot(velocity);
-            impulse -= sliding * (self.bound / sliding.norm().max(STICK));
-        }
-        impulse
-    }
-
-    fn response(&self) -> Response {
-        let velocity = &self.velocity;
-        let mut inertance = Matrix3::zeros();
-        if self.pressed(velocity) > 0.0 {
-            inertance += self.gradient * self.gradient.transpose() * self.push.inertance;
-        }
-        if self.bound > 0.0 {
-            let sliding = velocity - self.normal * self.normal.dot(velocity);
-            let speed = sliding.norm();
-            let mut across = Matrix3::identity() - self.normal * self.normal.transpose();
-            if speed > STICK {
-                let along = sliding / speed;
-                across -= along * along.transpose();
-            }
-            inertance += across * (self.bound / speed.max(STICK));
-        }
-        Response {
-            impulse: self.impulse_at(velocity),
-            inertance,
-        }
-    }
-
-    /// Whether it slides at its velocity.
-    pub fn sliding(&self) -> Sliding {
-        let along = self.velocity - self.normal * self.normal.dot(&self.velocity);
-        match self.friction > 0.0 {
-            true if along.norm() > STICK => Sliding::Slips,
-            true => Sliding::Sticks,
-            false => Sliding::Free,
-        }
-    }
-
-    /// Whether it does anything.
-    pub fn acts(&self) -> bool {
-        self.impulse != Vector3::zeros()
-    }
-}
-
 /// The contacts of a step, and the workspace to solve for their velocities.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Problem {
@@ -124,49 +39,24 @@ pub(super) struct Problem {
     /// Of each contact, what an iteration changes velocity and impulse by.
     steps: Vec<[Vector3<f64>; 2]>,
     spatial: DiscVelocities,
-}
-
-/// Turns (rad/s) of discs and velocities of their joints' centres (m/s), world axes.
-#[derive(Clone, Debug, Default)]
-pub(super) struct DiscVelocities(pub Vec<(Vector3<f64>, Vector3<f64>)>);
-
-impl DiscVelocities {
-    /// Sets them to those of the joints' `rates`.
-    pub fn set(&mut self, centres: &[Vector3<f64>], rates: &[Vector3<f64>]) {
-        let (mut turn, mut shift) = (Vector3::zeros(), Vector3::zeros());
-        let mut below = centres.first().copied().unwrap_or_default();
-        self.0.clear();
-        self.0
-            .extend(rates.iter().zip(centres).map(|(rate, centre)| {
-                shift += turn.cross(&(centre - below));
-                below = *centre;
-                turn += rate;
-                (turn, shift)
-            }));
-    }
-
-    /// Velocity of a point of a disc (m/s), at `arm` from its joint's centre.
-    pub fn of(&self, disc: usize, arm: &Vector3<f64>) -> Vector3<f64> {
-        let (turn, shift) = self.0[disc];
-        shift + turn.cross(arm)
-    }
+    /// The objects that contacts are with.
+    pub movables: Movables,
+    /// Of each contact, impulse at the velocity without contacts, and inertance.
+    laws: Vec<(Vector3<f64>, Matrix3<f64>)>,
 }
 
 impl Problem {
     /// Solves the problem, whose contacts stand at the velocities without them: bounds of friction, and the velocities under each.
-    /// `respond` writes the change of the joints' rates by reactions. Whether it is solved.
-    pub fn solve(
-        &mut self,
-        centres: &[Vector3<f64>],
-        mut respond: impl FnMut(&[Reaction], &mut [Vector3<f64>]),
-    ) -> bool {
+    /// `robot` says how the joints' rates change by reactions. Whether it is solved.
+    pub fn solve(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> bool {
         let zero = Vector3::zeros();
+        self.movables.release();
         for buffer in [&mut self.change, &mut self.trial] {
             buffer.clear();
             buffer.resize(centres.len(), zero);
         }
         self.reactions.resize(centres.len(), Reaction::default());
-        let mut solved = self.minimise(centres, &mut respond);
+        let mut solved = self.minimise(centres, robot);
         if self.touches.iter().all(|touch| touch.friction == 0.0) {
             return solved;
         }
@@ -174,7 +64,7 @@ impl Problem {
             if !self.follow_bounds() {
                 return solved;
             }
-            solved = self.minimise(centres, &mut respond);
+            solved = self.minimise(centres, robot);
         }
         solved
     }
@@ -193,16 +83,12 @@ impl Problem {
     }
 
     /// Newton's method from where the contacts stand.
-    fn minimise(
-        &mut self,
-        centres: &[Vector3<f64>],
-        respond: &mut impl FnMut(&[Reaction], &mut [Vector3<f64>]),
-    ) -> bool {
+    fn minimise(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> bool {
         for _ in 0..MAX_ITERATIONS {
             if self.is_solved() {
                 return true;
             }
-            self.newton_step(centres, respond);
+            self.newton_step(centres, robot);
             let share = self.line_search();
             if share.is_nan() {
                 return false;
@@ -214,6 +100,7 @@ impl Problem {
             for (change, trial) in self.change.iter_mut().zip(&self.trial) {
                 *change += (trial - *change) * share;
             }
+            self.movables.take(share);
         }
         self.is_solved()
     }
@@ -229,23 +116,36 @@ impl Problem {
     }
 
     /// Solves the problem with the impulses linearised at their velocities.
-    fn newton_step(
-        &mut self,
-        centres: &[Vector3<f64>],
-        respond: &mut impl FnMut(&[Reaction], &mut [Vector3<f64>]),
-    ) {
+    fn newton_step(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) {
         self.reactions.fill(Reaction::default());
         self.steps.clear();
+        self.laws.clear();
         for touch in &self.touches {
             let Response { impulse, inertance } = touch.response();
             let at_rest = impulse + inertance * (touch.velocity - touch.free);
-            self.reactions[touch.disc].push(&touch.arm, &at_rest, &inertance);
+            if let Side::Disc(disc) = touch.on {
+                self.reactions[disc].push(&touch.arm, &at_rest, &inertance);
+            }
+            self.laws.push((at_rest, inertance));
         }
-        respond(&self.reactions, &mut self.trial);
+        if self.movables.all.is_empty() {
+            robot.respond(&self.reactions, &mut self.trial);
+        } else {
+            robot.respond_keeping(&self.reactions, &mut self.trial);
+            let contacts = (&self.touches[..], &self.laws[..]);
+            (self.movables).couple(contacts, centres, &mut self.trial, robot);
+        }
         self.spatial.set(centres, &self.trial);
         for touch in &self.touches {
             let Response { impulse, inertance } = touch.response();
-            let velocity = touch.free + self.spatial.of(touch.disc, &touch.arm) - touch.velocity;
+            let mut there = touch.free;
+            if let Side::Disc(disc) = touch.on {
+                there += self.spatial.of(disc, &touch.arm);
+            }
+            if !self.movables.all.is_empty() {
+                there += self.movables.trial(touch);
+            }
+            let velocity = there - touch.velocity;
             let next = impulse - inertance * velocity;
             self.steps.push([velocity, next - touch.impulse]);
         }
@@ -293,8 +193,9 @@ impl Problem {
     pub fn impulses(&mut self) -> &[Reaction] {
         self.reactions.fill(Reaction::default());
         for touch in self.touches.iter().filter(|touch| touch.acts()) {
-            let reaction = &mut self.reactions[touch.disc];
-            reaction.push(&touch.arm, &touch.impulse, &Matrix3::zeros());
+            if let Side::Disc(disc) = touch.on {
+                self.reactions[disc].push(&touch.arm, &touch.impulse, &Matrix3::zeros());
+            }
         }
         &self.reactions
     }

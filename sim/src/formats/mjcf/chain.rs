@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
+use super::attributes::Attributes;
 use super::body::{BodyReader, Carried, RigidGroup, Site};
 use super::disc::{DiscBody, is_turned, off_axis};
 use super::frame::SAME_PLACE;
@@ -29,7 +30,8 @@ impl<'a> BodyReader<'a> {
     /// The chain of bodies in the world.
     pub fn chain(&mut self, worldbody: usize) -> Result<Chain<'a>, ImportError> {
         let world = self.world(worldbody)?;
-        let Some(first) = self.only_one(worldbody, &world.carried)? else {
+        let carried = self.with_tendons(&world.carried);
+        let Some(first) = self.only_one(worldbody, &carried)? else {
             let reason = "expected a body on a ball joint or on hinges: the first disc";
             return Err(self.document.refuse(worldbody, reason));
         };
@@ -65,6 +67,41 @@ impl<'a> BodyReader<'a> {
             payload,
             holes,
         })
+    }
+
+    /// Of several bodies on joints in the world the one that tendons pass, if it is one: the others are objects beside the robot.
+    fn with_tendons(&mut self, carried: &[Carried<'a>]) -> Vec<Carried<'a>> {
+        let (robots, others): (Vec<_>, Vec<_>) =
+            (carried.iter().copied()).partition(|body| self.has_used_site(body.element));
+        if robots.len() != 1 {
+            return carried.to_vec();
+        }
+        for body in others {
+            let text = "left out: a body on a joint that no tendon passes";
+            self.note(body.element, text);
+        }
+        robots
+    }
+
+    /// Whether a body, or one within it, has a site that a tendon passes.
+    fn has_used_site(&self, body: usize) -> bool {
+        let document = self.document;
+        let mut within = vec![body];
+        while let Some(body) = within.pop() {
+            for (index, element) in document.children(body) {
+                match element.tag.as_str() {
+                    "body" => within.push(index),
+                    "site" => {
+                        let name = Attributes::own(document, index).text("name");
+                        if name.is_some_and(|name| self.used_sites.contains(name)) {
+                            return true;
+                        }
+                    }
+                    _ => {}
+                }
+            }
+        }
+        false
     }
 
     /// The discs from `first` to the tip.

@@ -83,13 +83,16 @@ pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, Expor
         &touching,
         &base,
     );
+    touching.write_objects(&mut xml);
     xml.close();
     touching.write_exclusions(&mut xml);
     if !robot.tendons().is_empty() {
         write_tendons(&mut xml, &robot, None);
     }
     if start.settled {
-        write_keyframe(&mut xml, &start, &start.coordinates(&robot, &joints));
+        let mut coordinates = start.coordinates(&robot, &joints);
+        coordinates.extend(touching.coordinates());
+        write_keyframe(&mut xml, &start, &coordinates);
     }
     Ok(xml.finish())
 }

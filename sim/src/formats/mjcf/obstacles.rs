@@ -4,17 +4,17 @@ use super::write::{Attribute, XmlWriter, number, numbers, quaternion, rgba, vect
 use crate::contact::ContactSettler;
 use crate::geometry::{Kind, Triangles};
 use crate::robot::Robot;
-use crate::scene::{Obstacle, ObstacleShape, Scene};
+use crate::scene::{JointSpec, Obstacle, ObstacleShape, Scene};
 
 /// Default classes of obstacles and of what a robot touches with.
 pub(super) const OBSTACLE: &str = "obstacle";
 pub(super) const BEAD: &str = "bead";
+/// That of objects: obstacles that move.
+const OBJECT: &str = "object";
 /// Half sides of what is seen of a plane (m), and the spacing of its grid.
 const PLANE: [f64; 3] = [1.0, 1.0, 0.1];
 /// Time constant of contacts, in time steps; MuJoCo takes 2 at the least.
 const TIME_STEPS: f64 = 4.0;
-/// Share of a hull's volume that a mesh may lack and be convex.
-const CONVEX: f64 = 1e-9;
 
 /// What of a model can touch.
 pub(super) struct Touching<'a> {
@@ -31,8 +31,7 @@ pub fn scene_notes(scene: &Scene) -> Vec<String> {
     for obstacle in scene.obstacles() {
         let text = match written(obstacle) {
             Written::Left(reason) => format!("left out: {reason}"),
-            _ if obstacle.mass.is_some() => "written as one that does not move".to_owned(),
-            _ => continue,
+            Written::Primitive | Written::Hull(_) => continue,
         };
         notes.push(format!("obstacle `{}`: {text}", obstacle.name));
     }
@@ -62,10 +61,9 @@ fn written(obstacle: &Obstacle) -> Written {
         ObstacleShape::Solid(shape) if matches!(shape.0, Kind::Mesh(_)) => shape,
         ObstacleShape::Solid(_) | ObstacleShape::HalfSpace => return Written::Primitive,
     };
-    let mesh = shape.triangles(&nalgebra::Isometry3::identity());
-    match mesh.hull() {
-        Some(hull) if mesh.volume().abs() >= (1.0 - CONVEX) * hull.volume() => Written::Hull(hull),
-        _ => Written::Left(
+    match shape.convex_surface() {
+        Some(hull) => Written::Hull(hull),
+        None => Written::Left(
             "its mesh is not convex, or not closed, and MuJoCo would touch its convex hull",
         ),
     }
@@ -107,10 +105,15 @@ impl<'a> Touching<'a> {
             ("friction", text("0 0 0")),
         ];
         let obstacles = [("mass", text("0")), ("condim", text("1"))];
-        for (class, attributes) in [
+        let classes = [
             (BEAD, [&beads[..], &bits(1, own), &solver].concat()),
             (OBSTACLE, [&obstacles[..], &bits(2, 1), &solver].concat()),
-        ] {
+            // They touch beads, obstacles and each other.
+            (OBJECT, [&obstacles[1..], &bits(6, 7), &solver].concat()),
+        ];
+        let has_objects = self.scene.objects().next().is_some();
+        let count = if has_objects { 3 } else { 2 };
+        for (class, attributes) in classes.into_iter().take(count) {
             xml.open("default", &[("class", text(class))]);
             xml.leaf("geom", &attributes);
             xml.close();
@@ -142,43 +145,99 @@ impl<'a> Touching<'a> {
 
     pub fn write_obstacles(&self, xml: &mut XmlWriter) {
         for (index, obstacle) in self.scene.obstacles().iter().enumerate() {
-            if matches!(self.written[index], Written::Left(_)) {
+            if obstacle.mass.is_some() {
+                continue;
+            }
+            let Some(mut attributes) = self.geom(index, OBSTACLE) else {
                 xml.comment(&format!(
                     "obstacle {index} is left out: MuJoCo has no such shape"
                 ));
                 continue;
-            }
-            let (kind, size) = match &obstacle.shape {
-                ObstacleShape::HalfSpace => ("plane", numbers(&PLANE)),
-                ObstacleShape::Pipe(_) => continue,
-                ObstacleShape::Solid(shape) => match &shape.0 {
-                    Kind::Cuboid(cuboid) => ("box", vector(&cuboid.half)),
-                    Kind::Sphere(sphere) => ("sphere", number(sphere.radius)),
-                    Kind::Capsule(capsule) => {
-                        ("capsule", numbers(&[capsule.radius, capsule.half_length]))
-                    }
-                    Kind::Cylinder(cylinder) => (
-                        "cylinder",
-                        numbers(&[cylinder.radius, cylinder.half_height]),
-                    ),
-                    Kind::Mesh(_) => ("mesh", mesh(index)),
-                },
             };
-            let mut attributes: Vec<Attribute> = vec![
-                ("name", self.name(index)),
-                ("class", OBSTACLE.to_owned()),
-                ("type", kind.to_owned()),
-                (if kind == "mesh" { "mesh" } else { "size" }, size),
-                ("pos", vector(&obstacle.pose.translation.vector)),
-                ("quat", quaternion(&obstacle.pose.rotation)),
-                ("rgba", rgba(obstacle.color)),
-            ];
-            if obstacle.friction > 0.0 {
-                attributes.push(("condim", "3".to_owned()));
-                attributes.push(("friction", numbers(&[obstacle.friction, 0.0, 0.0])));
-            }
+            attributes.push(("pos", vector(&obstacle.pose.translation.vector)));
+            attributes.push(("quat", quaternion(&obstacle.pose.rotation)));
             xml.leaf("geom", &attributes);
         }
+    }
+
+    /// Objects, each a body of its own on a free joint, or on its joint to the world; after the robot, so that its coordinates are the
+    /// first.
+    pub fn write_objects(&self, xml: &mut XmlWriter) {
+        for (index, object) in self.scene.objects() {
+            let Some(mut attributes) = self.geom(index, OBJECT) else {
+                xml.comment(&format!(
+                    "object {index} is left out: MuJoCo has no such shape"
+                ));
+                continue;
+            };
+            xml.open(
+                "body",
+                &[
+                    ("name", self.name(index)),
+                    ("pos", vector(&object.pose.translation.vector)),
+                    ("quat", quaternion(&object.pose.rotation)),
+                ],
+            );
+            match &object.joint {
+                None => xml.leaf("freejoint", &[]),
+                Some(joint) => xml.leaf("joint", &joint_attributes(joint)),
+            }
+            attributes.push(("mass", number(object.mass.unwrap_or_default())));
+            xml.leaf("geom", &attributes);
+            xml.close();
+        }
+    }
+
+    /// MuJoCo's coordinates of the objects where the scene has them.
+    pub fn coordinates(&self) -> Vec<f64> {
+        let objects = self.scene.objects();
+        let written =
+            objects.filter(|(index, _)| !matches!(self.written[*index], Written::Left(_)));
+        written
+            .flat_map(|(_, object)| match object.joint {
+                Some(_) => vec![0.0],
+                None => {
+                    let (at, turn) = (object.pose.translation.vector, object.pose.rotation);
+                    vec![at.x, at.y, at.z, turn.w, turn.i, turn.j, turn.k]
+                }
+            })
+            .collect()
+    }
+
+    /// The geom of an obstacle in its frame; `None` of one that is left out.
+    fn geom(&self, index: usize, class: &str) -> Option<Vec<Attribute<'_>>> {
+        if matches!(self.written[index], Written::Left(_)) {
+            return None;
+        }
+        let obstacle = &self.scene.obstacles()[index];
+        let (kind, size) = match &obstacle.shape {
+            ObstacleShape::HalfSpace => ("plane", numbers(&PLANE)),
+            ObstacleShape::Pipe(_) => return None,
+            ObstacleShape::Solid(shape) => match &shape.0 {
+                Kind::Cuboid(cuboid) => ("box", vector(&cuboid.half)),
+                Kind::Sphere(sphere) => ("sphere", number(sphere.radius)),
+                Kind::Capsule(capsule) => {
+                    ("capsule", numbers(&[capsule.radius, capsule.half_length]))
+                }
+                Kind::Cylinder(cylinder) => (
+                    "cylinder",
+                    numbers(&[cylinder.radius, cylinder.half_height]),
+                ),
+                Kind::Mesh(_) => ("mesh", mesh(index)),
+            },
+        };
+        let mut attributes: Vec<Attribute> = vec![
+            ("name", self.name(index)),
+            ("class", class.to_owned()),
+            ("type", kind.to_owned()),
+            (if kind == "mesh" { "mesh" } else { "size" }, size),
+            ("rgba", rgba(obstacle.color)),
+        ];
+        if obstacle.friction > 0.0 {
+            attributes.push(("condim", "3".to_owned()));
+            attributes.push(("friction", numbers(&[obstacle.friction, 0.0, 0.0])));
+        }
+        Some(attributes)
     }
 
     /// The name of an obstacle's geom: its own, if XML can hold that.
@@ -230,6 +289,27 @@ impl<'a> Touching<'a> {
         }
         xml.close();
     }
+}
+
+/// A joint of an object to the world.
+fn joint_attributes(joint: &JointSpec) -> Vec<Attribute<'_>> {
+    let (kind, anchor, limits, damping) = match joint {
+        JointSpec::Hinge(it) => ("hinge", it.anchor, it.limits, it.damping),
+        JointSpec::Slider(it) => ("slide", [0.0; 3], it.limits, it.damping),
+    };
+    let mut attributes: Vec<Attribute> = vec![
+        ("type", kind.to_owned()),
+        ("axis", numbers(&joint.axis())),
+        ("pos", numbers(&anchor)),
+    ];
+    if let Some(limits) = limits {
+        attributes.push(("limited", "true".to_owned()));
+        attributes.push(("range", numbers(&limits)));
+    }
+    if damping > 0.0 {
+        attributes.push(("damping", number(damping)));
+    }
+    attributes
 }
 
 /// Name of the mesh of an obstacle.

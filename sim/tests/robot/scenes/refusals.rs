@@ -107,6 +107,39 @@ fn numbers_are_finite_and_of_a_size() {
 }
 
 #[test]
+fn velocities_and_joints_are_those_of_objects() {
+    let ball = |field: &str| format!("sphere = {{ radius = 1 }}\n{field}");
+    check(
+        &ball("velocity = [1, 0, 0]"),
+        "field `velocity` is [1.0, 0.0, 0.0]; expected none without a `mass`",
+    );
+    check(
+        &ball("mass = 1\nangular_velocity = [0, 2e4, 0]"),
+        "field `angular_velocity` is [0.0, 20000.0, 0.0]; expected finite components of at most 1e4",
+    );
+    check(
+        &ball("joint = { slider = { axis = [1, 0, 0] } }"),
+        "field `joint` is given; expected none without a `mass`",
+    );
+    check(
+        &ball("mass = 1\njoint = { hinge = { axis = [0, 0, 0] } }"),
+        "field `joint.hinge.axis` is [0.0, 0.0, 0.0]; expected three finite numbers, not all 0",
+    );
+    check(
+        &ball("mass = 1\njoint = { hinge = { axis = [0, 0, 1], limits = [-4, 0] } }"),
+        "field `joint.hinge.limits` is [-4.0, 0.0]; expected [smallest, largest] with 0 in between, within half a turn (pi rad)",
+    );
+    check(
+        &ball("mass = 1\njoint = { slider = { axis = [0, 0, 1], limits = [0.1, 0.2] } }"),
+        "field `joint.slider.limits` is [0.1, 0.2]; expected [smallest, largest] with 0 in between, within 1e6 m",
+    );
+    check(
+        &ball("mass = 1\njoint = { slider = { axis = [0, 0, 1], damping = -1 } }"),
+        "field `joint.slider.damping` is -1; expected a number from 0 to 1e15",
+    );
+}
+
+#[test]
 fn an_obstacle_has_one_shape() {
     let all = "half_space, box, sphere, capsule, cylinder, pipe, mesh";
     let none = format!("obstacle 1 `it` has no shape; expected exactly one of {all}");

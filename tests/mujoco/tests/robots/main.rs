@@ -6,6 +6,7 @@ mod contacts;
 mod hinges;
 mod paper;
 mod probe;
+mod pushed;
 mod random;
 #[path = "../../../../sim/tests/statics/contact/scenes.rs"]
 mod scenes;

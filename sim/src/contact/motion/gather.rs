@@ -1,0 +1,87 @@
+//! The contacts of a step, from what is near.
+
+use nalgebra::Vector3;
+
+use super::super::near::Near;
+use super::ContactStepper;
+use super::law::{ContactLaw, Push};
+use super::problem::Problem;
+use super::touch::{Opposite, Side, Touch};
+use crate::objects::Body;
+
+impl ContactStepper {
+    /// Sets the contacts of the problem to those of the beads that are near.
+    pub(super) fn set_touches(&mut self) {
+        let problem = &mut self.problem;
+        problem.touches.clear();
+        problem.movables.all.clear();
+        for near in &self.neighbourhood.near {
+            let object = self.objects.of_obstacle(near.obstacle);
+            let Some(mut touch) = self.touch_of(near, object.map(|(_, body)| body)) else {
+                continue;
+            };
+            if let Some((number, body)) = object {
+                let object = self.problem.movables.place(number, body);
+                let arm = self.place_of(near) - body.centre;
+                touch.against = Some(Opposite { object, arm });
+            }
+            self.problem.touches.push(touch);
+        }
+        let h = self.stepper.timestep();
+        let Problem {
+            movables, touches, ..
+        } = &mut self.problem;
+        self.objects.add_meetings(h, movables, touches);
+    }
+
+    /// Where a bead is nearest to the surface that it is near (m).
+    fn place_of(&self, near: &Near) -> Vector3<f64> {
+        let normal = near.normal.try_normalize(0.0).unwrap_or(near.normal);
+        near.centre - normal * (near.gap + near.bead.radius)
+    }
+
+    /// A bead near an obstacle, which may be an object, as the problem has it; none if the law takes no notice of it.
+    fn touch_of(&self, near: &Near, object: Option<&Body>) -> Option<Touch> {
+        let h = self.stepper.timestep();
+        let disc = near.bead.disc;
+        let obstacle = &self.scene.obstacles()[near.obstacle];
+        let normal = near.normal.try_normalize(0.0)?;
+        let arm = near.arm - normal * (near.gap + near.bead.radius);
+        let (push, friction) = match self.law {
+            ContactLaw::Compliant { relaxation } => {
+                let push = Push::compliant(near.gap, obstacle.compliance, relaxation, h);
+                (push, obstacle.friction)
+            }
+            ContactLaw::Impedance(_) if near.gap > 0.0 => return None,
+            ContactLaw::Impedance(law) => {
+                let mut speed = near.normal.dot(&self.starts.of(disc, &arm));
+                let mut mobility = self.mobilities[disc];
+                if let Some(body) = object {
+                    let arm = self.place_of(near) - body.centre;
+                    speed -= near.normal.dot(&body.twist.at(&arm));
+                    mobility += 1.0 / body.mass;
+                }
+                (law.push(near.gap, speed, mobility, h), 0.0)
+            }
+        };
+        let mut free = self.motions.of(disc, &arm);
+        if let Some(body) = object {
+            free -= body.free.at(&(self.place_of(near) - body.centre));
+        }
+        Some(Touch {
+            on: Side::Disc(disc),
+            against: None,
+            obstacle: near.obstacle,
+            gap: near.gap,
+            gradient: near.normal,
+            normal,
+            arm,
+            push,
+            friction,
+            bound: 0.0,
+            free,
+            velocity: free,
+            impulse: Vector3::zeros(),
+        })
+    }
+}
