@@ -22,6 +22,7 @@ import os
 import re
 import shutil
 import stat
+import struct
 import subprocess
 import sys
 import sysconfig
@@ -87,6 +88,17 @@ def commit_of_clean_checkout(allow_dirty):
     return None if changed else text_of("git", "rev-parse", "HEAD")
 
 
+def sections(program):
+    """Names of the sections of a program of Linux (64-bit ELF, little-endian); none of other systems'."""
+    if not program.startswith(b"\x7fELF\x02\x01"):
+        return []
+    (table,) = struct.unpack_from("<Q", program, 0x28)
+    size, count, names = struct.unpack_from("<HHH", program, 0x3A)
+    headers = [struct.unpack_from("<IIQQQQ", program, table + size * k) for k in range(count)]
+    start = headers[names][4]
+    return [program[start + header[0] :].split(b"\0", 1)[0] for header in headers]
+
+
 def wheel(tools, dist, python):
     """The wheel, in the smallest build that runs on the oldest systems."""
     options = ["--release", "--locked", "--interpreter", python, "--out", dist]
@@ -96,8 +108,8 @@ def wheel(tools, dist, python):
     (built,) = dist.glob("*.whl")
     with zipfile.ZipFile(built) as archive:
         (module,) = (name for name in archive.namelist() if re.search(r"_tdcr.*\.(so|pyd)$", name))
-        if b".debug_info" in archive.read(module):
-            sys.exit(f"{built.name}: {module} has debug information")
+        if debug := [name for name in sections(archive.read(module)) if name.startswith(b".debug")]:
+            sys.exit(f"{built.name}: {module} has debug information: {debug}")
         (bill,) = (name for name in archive.namelist() if name.endswith(".cyclonedx.json"))
         materials = archive.read(bill)
     size = built.stat().st_size
