@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::Serialize;
 use tdcr_hw::capture::{CaptureError, Fuser};
 use tdcr_hw::plan::Shape;
-use tdcr_hw::rig::{Rig, RigError, RigFile, WinchState};
+use tdcr_hw::rig::{Homing, Rig, RigError, RigFile, WinchState};
 use tdcr_hw::servo::ServoId;
 use tdcr_sim::cloud::{PointCloud, VoxelGrid};
 use tokio::sync::watch;
@@ -131,6 +131,14 @@ impl Sight {
 
     /// Looks at a rig whose motors are off.
     pub fn look_at_rest(&mut self, rig: &mut Rig) {
+        if rig
+            .homing()
+            .iter()
+            .any(|homing| !matches!(homing, Homing::Homed(_)))
+        {
+            // Servos that do not answer are seen to be silent below.
+            drop(rig.meet());
+        }
         let states: Option<Vec<WinchState>> = (rig.state().into_iter())
             .map(|state| state.ok().flatten())
             .collect();
