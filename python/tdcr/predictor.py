@@ -196,7 +196,7 @@ class Predictor:
         *,
         start: Any = None,
         steps: int = 20,
-        points: int = 1024,
+        points: int = 2048,
         tolerance: float = 0.0,
         seed: int = 0,
     ) -> Reached:
