@@ -1,8 +1,8 @@
 """Measures `Predictor.reach`: how near to wanted clouds a trained model's commands lead, from the mean command.
 
-The wanted clouds are those of a data set's test split. For each the model looks for a command in 20 steps; then the model's cloud for it is
-compared with the wanted one, and, where the data is simulated, the robot itself is settled under the command and its tip
-compared with that under the command of the set. Distances are means over both clouds' points, both ways.
+The wanted clouds are those of a data set's test split. For each the model looks for a command in 20 steps; then the model's
+cloud for it is compared with the wanted one, and, where the data is simulated, the robot itself is settled under the command
+and its tip compared with that under the command of the set. Distances are means over both clouds' points, both ways.
 
     tdcr demo --out demo_out
     python benches/reach_clouds.py demo_out/run demo_out/data
@@ -46,7 +46,9 @@ def main() -> None:
         if values:
             low, middle, high = np.quantile(values, [0.0, 0.5, 1.0])
             within = np.mean(np.array(values) <= 2.0)
-            print(f"{name}: mean {np.mean(values):.2f} mm, {low:.2f} to {high:.2f}, median {middle:.2f}; {100 * within:.0f} % within 2 mm")
+            print(
+                f"{name}: mean {np.mean(values):.2f} mm, {low:.2f} to {high:.2f}, median {middle:.2f}; {100 * within:.0f} % within 2 mm"
+            )
 
 
 if __name__ == "__main__":
