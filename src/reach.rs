@@ -4,7 +4,8 @@
 //! ([`Model::predict_alike`]), so that differences of them are derivatives of the predicted points `p_i` by the command: `J_i`. Each step
 //! matches points with the nearest ones of the other cloud, both ways, as iterated closest points do (Besl and McKay, IEEE Trans.
 //! Pattern Anal. Mach. Intell. 14, 1992), and takes the damped least-squares change of the command that brings matched points
-//! together, `min Σ |J_i d - (w_j - p_i)|² + damping |d|²` within the commands of the training data and a trust region.
+//! together, `min Σ |J_i d - (w_j - p_i)|² + damping |d|²` within the commands of the training data and a trust region, or two or four times
+//! as much where that is better.
 
 use nalgebra::{DMatrix, DVector, Matrix3xX, Vector3};
 use tdcr_control::quadratic::QuadraticProgram;
@@ -19,6 +20,8 @@ const DIFFERENCE: f64 = 0.01;
 const FIRST_TRUST: f64 = 0.3;
 /// Trust region below which a search has come to its end.
 const SMALLEST_TRUST: f64 = 1e-4;
+/// Multiples of a change that are tried.
+const LENGTHS: [f64; 3] = [1.0, 2.0, 4.0];
 /// Damping of changes, in units of the clouds' mean square extent per range.
 const DAMPING: f64 = 1e-4;
 
@@ -39,7 +42,7 @@ impl Default for CloudSearch {
     fn default() -> Self {
         Self {
             steps: 20,
-            points: 1024,
+            points: 2048,
             tolerance: 0.0,
             seed: 0,
         }
@@ -119,10 +122,7 @@ pub fn reach_cloud(
         if now <= search.tolerance || trust < SMALLEST_TRUST || !go_on() {
             break;
         }
-        let change = descent.step(&at, trust)?;
-        let to: Vec<f64> = at.iter().zip(&change).map(|(a, d)| a + d).collect();
-        let [there] = descent.clouds(std::slice::from_ref(&to))?;
-        let distance = mean_distance(&there, wanted)?;
+        let (to, there, distance) = descent.best(&at, &descent.step(&at, trust)?)?;
         match distance < now {
             true => {
                 (at, cloud) = (to, there);
@@ -164,6 +164,9 @@ fn motors(model: &Model) -> usize {
     }
 }
 
+/// A condition, its cloud (m), and how far that is from the wanted one in the mean (m).
+type Trial = (Vec<f64>, Vec<[f32; 3]>, f64);
+
 struct Descent<'a> {
     model: &'a Model,
     sampler: Sampler,
@@ -196,10 +199,40 @@ impl Descent<'_> {
         Ok(predicted.into_iter().map(|cloud| cloud.points).collect())
     }
 
+    /// The best of the condition that a change leads to and of those that its multiples do: matched points are nearer than those that belong
+    /// together, so that changes are too small. With its cloud (m) and how far that is from the wanted one in the mean (m).
+    fn best(&self, at: &[f64], change: &[f64]) -> Result<Trial, CloudReachError> {
+        let to = |times: f64| -> Vec<f64> {
+            let moved = at
+                .iter()
+                .zip(change)
+                .map(|(at, change)| at + times * change);
+            let clamped = moved.enumerate().map(|(k, value)| match k < self.motors {
+                true => {
+                    let [low, high, _] = self.range(k);
+                    value.clamp(low, high)
+                }
+                false => value,
+            });
+            clamped.collect()
+        };
+        let tried = LENGTHS.map(to);
+        let mut best: Option<Trial> = None;
+        for (condition, cloud) in tried.iter().zip(self.predict(&tried)?) {
+            let distance = mean_distance(&cloud, self.wanted)?;
+            if best.as_ref().is_none_or(|(.., least)| distance < *least) {
+                best = Some((condition.clone(), cloud, distance));
+            }
+        }
+        best.ok_or(CloudReachError::Points(0))
+    }
+
     /// The change of the condition of a step, no motor's larger than the share `trust` of its range.
     fn step(&self, at: &[f64], trust: f64) -> Result<Vec<f64>, CloudReachError> {
         // A motor that never moved in the data says nothing.
-        let moved: Vec<usize> = (0..self.motors).filter(|&k| self.range(k)[2] > 0.0).collect();
+        let moved: Vec<usize> = (0..self.motors)
+            .filter(|&k| self.range(k)[2] > 0.0)
+            .collect();
         let mut conditions = vec![at.to_vec()];
         let mut steps = Vec::with_capacity(moved.len());
         for &k in &moved {

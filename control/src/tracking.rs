@@ -157,7 +157,15 @@ pub fn track(
     for k in first..=last {
         let measurement = plant.measure()?.finite();
         let tip = run.measured_tip(&measurement);
-        let from = *lead_from.get_or_insert_with(|| tip.unwrap_or(path.at(0.0)));
+        let from = match lead_from {
+            Some(from) => from,
+            // Where the tip is not seen, the model says about where it is under the first command.
+            None => match tip {
+                Some(tip) => tip,
+                None => run.given.tip(start.as_slice()).unwrap_or(path.at(0.0)),
+            },
+        };
+        lead_from = Some(from);
         let target = |ahead: usize| {
             let time = (k + ahead as i64) as f64 * period;
             target_at(path, settings.approach, from, time)

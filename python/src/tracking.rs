@@ -117,7 +117,9 @@ pub fn track_simulated<'py>(
         backlash,
         gain_error,
         delay,
-        noise: noise.parse().map_err(|error| Failure::input(format!("noise: {error}")))?,
+        noise: noise
+            .parse()
+            .map_err(|error| Failure::input(format!("noise: {error}")))?,
         tension_noise,
         timestep,
     };

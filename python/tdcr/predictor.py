@@ -17,7 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_count, as_float, as_floats, as_number, as_rows, maybe_count, maybe_number, maybe_text
+from tdcr._arrays import (
+    Floats,
+    Progress,
+    as_count,
+    as_float,
+    as_floats,
+    as_number,
+    as_rows,
+    maybe_count,
+    maybe_number,
+    maybe_text,
+)
 from tdcr._files import as_path
 from tdcr._results import Batch, Result
 from tdcr.data import MOST, Bytes, Floats32, Normalisation, PathLike, as_seed
@@ -196,7 +207,7 @@ class Predictor:
         *,
         start: Any = None,
         steps: int = 20,
-        points: int = 1024,
+        points: int = 2048,
         tolerance: float = 0.0,
         seed: int = 0,
     ) -> Reached:

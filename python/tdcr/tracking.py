@@ -106,8 +106,8 @@ def track(
         diameter: Width of a curve that is named (m).
         duration: Time in which it is run through (s).
         centre: Its centre, shape (3,) (m); where the robot reaches it unless given.
-        period: Time between commands (s), 0.05 unless given; of a rig 0.1, to the nearest multiple of its ``motion.period``; a plant of
-            one's own has its own.
+        period: Time between commands (s), 0.05 unless given; of a rig 0.1, to the nearest multiple of its ``motion.period``; a
+            plant of one's own has its own.
         approach: Time before the path in which the tip is led to its first point (s).
         rate: Largest change of a command in a second (m/s or N/s); half of each tendon's range unless given.
         tension: Smallest and largest tension that commands may lead to, shape (2,) (N).
@@ -118,8 +118,8 @@ def track(
         backlash: Play between each servo and its tendon, its whole width (m or N).
         gain_error: Share by which each spool pulls too much or too little, by a sign drawn for each.
         delay: Time from a command to when the tendons get it (s).
-        noise: Standard deviation of the tip's measured coordinates (m); or ``"d435"``: only clouds are measured, of the cameras of the
-            robot's file, which are D435s.
+        noise: Standard deviation of the tip's measured coordinates (m); or ``"d435"``: only clouds are measured, of the cameras
+            of the robot's file, which are D435s.
         tension_noise: Standard deviation of measured tensions (N), 0 unless given; beside ``"d435"`` they are not measured then.
         timestep: Time step of a robot in motion (s); without it the robot is always at rest.
         start: What the tendons of ``plant`` are commanded now, shape (tendons,); the model's command for the path's first point

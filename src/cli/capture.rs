@@ -11,6 +11,7 @@ use tdcr::pipeline::{CaptureReport, CaptureSettings, Monitor, capture};
 use tdcr::report::counted;
 
 use super::console::{Console, Interrupted};
+use super::faults::FaultArgs;
 
 /// Samples from which on the shares of the splits are 80/10/10.
 const FEW: usize = 10;
@@ -27,6 +28,8 @@ pub(super) struct CaptureArgs {
     rig: PathBuf,
     #[command(flatten)]
     settings: CaptureSettings,
+    #[command(flatten)]
+    faults: FaultArgs,
     /// Print what would move, and touch nothing
     #[arg(long)]
     dry_run: bool,
@@ -82,6 +85,7 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
         );
     }
     let mut rig = Rig::open_file(file, Pace::Computed)?;
+    args.faults.schedule(&rig)?;
     let report = capture(&mut rig, settings, &args.out, console)?;
     let summary = Summary {
         dir: &args.out,

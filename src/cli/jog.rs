@@ -1,22 +1,19 @@
 //! `tdcr jog`.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::Args;
-use serde::Serialize;
-use serde_json::json;
-use tdcr::hw::capture::{CaptureError, Captured, Session, SessionSettings};
+use tdcr::hw::capture::{CaptureError, Session, SessionSettings};
 use tdcr::hw::plan::{PlanError, Shape};
 use tdcr::hw::rig::{Pace, Rig};
 use tdcr::pipeline::{CaptureSettings, Monitor, lock_folder};
 use tdcr::report::counted;
-use tdcr::sim::cloud::write_ply;
 
 use super::console::{Console, Interrupted};
+use super::faults::FaultArgs;
 use super::is_interruption;
 use super::jog_tip;
+use super::jogged::{Jogged, save};
 use super::keys::{Keys, Pressed};
 
 /// Bytes that the log leaves on its disk: some clouds of tens of thousands of points.
@@ -38,7 +35,7 @@ pub(super) struct JogArgs {
     tip: bool,
     /// Way of a key of --tip (m)
     #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, requires = "tip")]
-    pub step: f64,
+    step: f64,
     /// Bend of a key (rad)
     #[arg(long, default_value_t = 0.05, value_name = "RAD", value_parser = super::positive)]
     bend: f64,
@@ -50,9 +47,11 @@ pub(super) struct JogArgs {
     #[cfg(feature = "joystick")]
     #[arg(long)]
     joystick: bool,
+    #[command(flatten)]
+    faults: FaultArgs,
     /// Folder of what is captured
     #[arg(long, default_value = "jog", value_name = "DIR")]
-    pub out: PathBuf,
+    out: PathBuf,
     /// Write no log. Else DIR/log.mcap has all that servos and cameras did, log-2.mcap the next time
     #[arg(long)]
     no_log: bool,
@@ -68,18 +67,6 @@ impl JogArgs {
     }
 }
 
-#[derive(Serialize)]
-pub(super) struct Jogged<'a> {
-    dir: &'a Path,
-    log: Option<PathBuf>,
-    /// Moves that were made.
-    pub moves: usize,
-    /// Moves that were refused.
-    pub refused: usize,
-    /// Clouds that were captured.
-    pub captured: usize,
-}
-
 pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
     let out = &args.out;
     super::output::folder("--out", out, "a folder for what is captured")?;
@@ -92,6 +79,7 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
         false => Pace::Computed,
     };
     let mut rig = Rig::open_file(file, pace)?;
+    args.faults.schedule(&rig)?;
     let mut jogged = Jogged {
         dir: out,
         log: match args.no_log {
@@ -103,7 +91,7 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
         captured: 0,
     };
     let ended = match args.tip {
-        true => jog_tip::obey(&mut rig, &keys, args, &mut jogged, console),
+        true => jog_tip::obey(&mut rig, &keys, args.step, &mut jogged, console),
         false => obey(&mut rig, &keys, args, &mut jogged, console),
     };
     // What was captured is worth more than the log.
@@ -220,21 +208,4 @@ fn turned(at: &Shape, rest: &Shape, module: usize, key: char, args: &JogArgs) ->
         _ => return None,
     }
     Some(shape)
-}
-
-/// Writes a cloud and its motors as `tdcr data import` reads them, beside those of earlier runs.
-pub(super) fn save(dir: &Path, number: usize, sample: &Captured) -> anyhow::Result<()> {
-    fs::create_dir_all(dir).with_context(|| format!("cannot create {}", dir.display()))?;
-    let mut name = number;
-    while dir.join(format!("jog-{name:04}.ply")).exists() {
-        name += 1;
-    }
-    let path = dir.join(format!("jog-{name:04}.ply"));
-    let motors = json!({
-        "ctrl": sample.command,
-        "ticks": sample.states.iter().map(|state| state.position.0).collect::<Vec<_>>(),
-        "goals": sample.goals.iter().map(|goal| goal.0).collect::<Vec<_>>(),
-    });
-    super::output::write(&path.with_extension("json"), format!("{motors}\n"))?;
-    Ok(write_ply(&path, &sample.cloud)?)
 }

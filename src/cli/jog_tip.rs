@@ -8,14 +8,14 @@ use tdcr::report::counted;
 use tdcr::track::TipSteer;
 
 use super::console::{Console, Interrupted};
-use super::jog::{JogArgs, Jogged, save};
+use super::jogged::{Jogged, save};
 use super::keys::{Keys, Pressed};
 
-/// Steers the tip as keys say, until one says to end, or a signal does. The tension is released then.
+/// Steers the tip as keys say, each by `step` (m), until one says to end, or a signal does. The tension is released then.
 pub(super) fn obey(
     rig: &mut Rig,
     keys: &Keys,
-    args: &JogArgs,
+    step: f64,
     jogged: &mut Jogged<'_>,
     console: &Console,
 ) -> anyhow::Result<()> {
@@ -28,7 +28,8 @@ pub(super) fn obey(
     let mut go_on = || console.go_on();
     let mut session = Session::begin(rig, &settings, None, &mut go_on)?;
     let mut command = session.rig().commanded().ok_or(RigError::Released)?;
-    console.tell("w s: along y; a d: along x; + -: along z; h: home; c: capture; q: let go and end");
+    console
+        .tell("w s: along y; a d: along x; + -: along z; h: home; c: capture; q: let go and end");
     loop {
         if console.interrupted() {
             session.end()?;
@@ -44,8 +45,8 @@ pub(super) fn obey(
         };
         if key == 'c' {
             let sample = session.observe(jogged.captured as u64)?;
-            let number = jogged.captured;
-            (session.rig()).hold_while(|| save(&args.out, number, &sample))??;
+            let (dir, number) = (jogged.dir, jogged.captured);
+            (session.rig()).hold_while(|| save(dir, number, &sample))??;
             jogged.captured += 1;
             console.tell(&format!(
                 "captured {}",
@@ -59,7 +60,7 @@ pub(super) fn obey(
             jogged.moves += 1;
             continue;
         }
-        let Some(by) = asked(key, args.step) else {
+        let Some(by) = asked(key, step) else {
             continue;
         };
         let found = session.rig().hold_while(|| steer.moved(&command, by))?;

@@ -16,6 +16,7 @@ mod deploy;
 mod distill;
 mod eval;
 mod export;
+mod faults;
 mod film;
 mod help;
 mod hint;
@@ -23,6 +24,7 @@ mod home;
 mod images;
 mod jog;
 mod jog_tip;
+mod jogged;
 #[cfg(any(test, feature = "joystick"))]
 mod joystick;
 mod keys;

@@ -25,7 +25,12 @@ pub(super) struct CloudArgs {
     )]
     pub cloud: Option<PathBuf>,
     /// The trained model of --cloud
-    #[arg(long, default_value = "run/model.safetensors", value_name = "FILE", requires = "cloud")]
+    #[arg(
+        long,
+        default_value = "run/model.safetensors",
+        value_name = "FILE",
+        requires = "cloud"
+    )]
     model: PathBuf,
     /// Command that --cloud starts from, separated by commas
     #[arg(long, value_parser = super::numbers, allow_hyphen_values = true, value_name = "C,C,...", requires = "cloud")]
@@ -34,7 +39,7 @@ pub(super) struct CloudArgs {
     #[arg(long, default_value_t = 20, value_name = "N", requires = "cloud")]
     steps: usize,
     /// Points of the clouds that --cloud predicts
-    #[arg(long, default_value_t = 1024, value_name = "N", requires = "cloud")]
+    #[arg(long, default_value_t = 2048, value_name = "N", requires = "cloud")]
     points: usize,
 }
 
@@ -100,8 +105,15 @@ pub(super) fn run(
     };
     let mut go_on = || !console.interrupted();
     let sampler = model.settings.sampler;
-    let reached = reach_cloud(&model, &sampler, &wanted.points, &start, &search, &mut go_on)
-        .with_context(|| format!("no command for {}", file.display()))?;
+    let reached = reach_cloud(
+        &model,
+        &sampler,
+        &wanted.points,
+        &start,
+        &search,
+        &mut go_on,
+    )
+    .with_context(|| format!("no command for {}", file.display()))?;
     if console.interrupted() {
         return Err(Interrupted.into());
     }

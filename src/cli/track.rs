@@ -11,11 +11,12 @@ use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Robot, RobotSpec};
 use tdcr::track::{
-    TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions, closed_path, curve_named, headline, page,
-    path_of_rows, table, track_rig, track_simulated, write_log,
+    TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions, closed_path, curve_named,
+    headline, page, path_of_rows, table, track_rig, track_simulated, write_log,
 };
 
 use super::console::{Console, Interrupted};
+use super::faults::FaultArgs;
 use super::loads::vector;
 use super::output;
 use super::scene::SceneArgs;
@@ -44,6 +45,8 @@ pub(super) struct TrackArgs {
         ]
     )]
     rig: Option<PathBuf>,
+    #[command(flatten)]
+    faults: FaultArgs,
     /// circle, eight, square, lissajous, or a CSV file of columns t, x, y, z (s, m)
     #[arg(long, value_name = "PATH")]
     path: String,
@@ -97,6 +100,9 @@ pub(super) fn run(args: &TrackArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(report) = &args.report {
         output::format("--report", report, &["html"])?;
     }
+    if args.rig.is_none() {
+        args.faults.refuse("--rig")?;
+    }
     let (robot, tracked) = match &args.rig {
         Some(rig) => on_rig(args, rig, console)?,
         None => simulated(args, console)?,
@@ -146,13 +152,21 @@ fn on_rig(args: &TrackArgs, rig: &Path, console: &Console) -> anyhow::Result<(Ro
     let robot = file.compile()?;
     let path = args.path(&robot)?;
     let mut rig = Rig::open_file(file, Pace::Computed)?;
+    args.faults.schedule(&rig)?;
     if let (Some(out), false) = (&args.out, args.no_log) {
         fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
         rig.log_in(out, "log", LOG_LEAVES)?;
     }
     let payload = args.different.payload;
     let goes_on = || !console.interrupted();
-    let tracked = track_rig(&mut rig, &path, payload, &args.options, &goes_on, &mut |_| {});
+    let tracked = track_rig(
+        &mut rig,
+        &path,
+        payload,
+        &args.options,
+        &goes_on,
+        &mut |_| {},
+    );
     if let Err(error) = rig.finish_log() {
         tracing::warn!("the log is not whole: {error}");
     }
@@ -199,10 +213,7 @@ fn settings(args: &TrackArgs) -> Vec<(String, String)> {
     if let Some(period) = options.period {
         all.push(("Time between commands", format!("{period} s")));
     }
-    all.push((
-        "Unknown payload",
-        format!("{} kg", args.different.payload),
-    ));
+    all.push(("Unknown payload", format!("{} kg", args.different.payload)));
     match &args.rig {
         Some(rig) => all.push(("Rig", rig.display().to_string())),
         None => all.extend(differences(&args.different)),

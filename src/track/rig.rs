@@ -137,7 +137,9 @@ impl<'a> RigPlant<'a> {
         for step in 1..=steps {
             let part = step as f64 / steps as f64;
             let between = self.command.iter().zip(to);
-            let goal: Vec<f64> = between.map(|(from, to)| from + part * (to - from)).collect();
+            let goal: Vec<f64> = between
+                .map(|(from, to)| from + part * (to - from))
+                .collect();
             let goal = rig.robot().command(&goal).map_err(RigError::from)?;
             rig.step(&goal)?;
         }
@@ -158,7 +160,8 @@ impl Plant for RigPlant<'_> {
     }
 
     fn measure(&mut self) -> Result<Measurement, PlantError> {
-        self.see().map_err(|error| PlantError::Other(Box::new(error)))
+        self.see()
+            .map_err(|error| PlantError::Other(Box::new(error)))
     }
 
     fn command(&mut self, command: &Command) -> Result<(), PlantError> {
@@ -174,7 +177,9 @@ impl Plant for RigPlant<'_> {
 /// Time between commands (s) and goals sent in it, for one that is asked for.
 fn period_of(rig: &RigSpec, asked: Option<f64>) -> (f64, usize) {
     let one = rig.motion.period;
-    let goals = (asked.unwrap_or(PERIOD) / one).round().clamp(1.0, MOST_GOALS);
+    let goals = (asked.unwrap_or(PERIOD) / one)
+        .round()
+        .clamp(1.0, MOST_GOALS);
     (goals * one, goals as usize)
 }
 
@@ -200,7 +205,9 @@ pub(super) fn limits(rig: &Rig, options: &TrackOptions) -> Result<Limits, RigLim
     }
     let [low, high] = spec.commands.co_contraction;
     let shared = vec![(low + high) / 2.0; robot.tendons().len()];
-    let preferred = Shaper::new(robot).map_err(PlanError::from)?.straight(&shared);
+    let preferred = Shaper::new(robot)
+        .map_err(PlanError::from)?
+        .straight(&shared);
     limits.preferred = (preferred.iter().enumerate())
         .map(|(t, command)| command.clamp(limits.low[t], limits.high[t]))
         .collect();

@@ -81,11 +81,7 @@ impl TipSteer {
     ///
     /// # Errors
     /// [`SteerError`].
-    pub fn moved(
-        &mut self,
-        command: &[f64],
-        by: Vector3<f64>,
-    ) -> Result<Vec<f64>, SteerError> {
+    pub fn moved(&mut self, command: &[f64], by: Vector3<f64>) -> Result<Vec<f64>, SteerError> {
         let target = self.tip(command)? + by;
         let bounds = [self.limits.low.clone(), self.limits.high.clone()];
         let mut next = command.to_vec();

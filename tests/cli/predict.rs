@@ -378,3 +378,82 @@ fn a_cloud_that_is_not_finite_is_refused_and_not_written() {
     let arguments = ["eval", "--model", &name, "--data", text(&data)];
     refuse(&[&arguments[..], &sizes].concat(), 1, "is not finite");
 }
+
+/// The model's own cloud under a command is wanted: the command is found again, or one that looks the same.
+#[test]
+fn a_command_is_found_for_a_cloud() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = folder.path().join("clouds");
+    let options = ["--samples", "60", "--points", "300", "--out", text(&set)];
+    succeed(&[&["collect"][..], &options].concat());
+    let run = folder.path().join("fitted");
+    let options = [
+        "--width",
+        "32",
+        "--depth",
+        "2",
+        "--steps",
+        "600",
+        "--clouds",
+        "4",
+        "--points",
+        "128",
+        "--refinement-steps",
+        "0",
+    ];
+    let train = ["train", "--data", text(&set), "--out", text(&run)];
+    let trained = succeed_json(&[&train[..], &options].concat());
+    let model = trained["model"].as_str().unwrap();
+    let wanted = folder.path().join("wanted.ply");
+    let command = "0.034,0.007,0.012,0.026,0.015,0.019";
+    let predict = [
+        "predict",
+        "--model",
+        model,
+        "--command",
+        command,
+        "--points",
+        "600",
+    ];
+    succeed(&[&predict[..], &["--seed", "3", "--out", text(&wanted)]].concat());
+
+    let reach = [
+        "reach",
+        "--cloud",
+        text(&wanted),
+        "--model",
+        model,
+        "--points",
+        "300",
+    ];
+    let found = succeed_json(&reach);
+    let distances = found["distances"].as_array().unwrap();
+    assert!(distances.len() <= 21);
+    let first = distances[0].as_f64().unwrap();
+    let last = found["mean_distance"].as_f64().unwrap();
+    assert!(last < 0.6 * first, "{found}");
+    assert!(
+        distances
+            .windows(2)
+            .all(|two| two[1].as_f64() <= two[0].as_f64())
+    );
+    assert_eq!(found["out_of_range"], Value::Array(Vec::new()));
+    assert_eq!(found["command"].as_array().unwrap().len(), 6);
+
+    refuse(
+        &[&reach[..], &["--tip", "0,0,0.3"]].concat(),
+        2,
+        "cannot be used with",
+    );
+    refuse(
+        &[&reach[..], &["--start", "0.01"]].concat(),
+        1,
+        "--start has 1 numbers; expected 6",
+    );
+    refuse(
+        &[&reach[..], &["--payload", "0.01"]].concat(),
+        1,
+        "trained without payloads",
+    );
+    refuse(&["reach", "--tip", "0,0,0.3", "--steps", "3"], 2, "--cloud");
+}

@@ -93,12 +93,23 @@ fn a_circle_is_tracked_on_a_rig_seen_by_its_cameras_alone() {
     let folder = tempfile::tempdir().unwrap();
     let rig = small_rig(folder.path());
     let out = folder.path().join("run");
-    let track = ["track", "--rig", text(&rig), "--path", "circle", "--duration", "5"];
+    let track = [
+        "track",
+        "--rig",
+        text(&rig),
+        "--path",
+        "circle",
+        "--duration",
+        "5",
+    ];
     let options = ["--payload", "0.02", "--out", text(&out)];
     let found = succeed_json(&[&track[..], &options].concat());
     assert_eq!(found["stopped"], Value::Null, "{found}");
     assert_eq!(found["rms_error_open_loop"], Value::Null);
-    assert_eq!((&found["periods"], &found["late_periods"]), (&51.into(), &0.into()));
+    assert_eq!(
+        (&found["periods"], &found["late_periods"]),
+        (&51.into(), &0.into())
+    );
     // Two cameras of 160 by 120 pixels; with the four of the example's it is a third of this.
     assert!(number(&found, "rms_error_percent") < 4.0, "{found}");
     let table = fs::read_to_string(out.join("run.csv")).unwrap();
@@ -119,7 +130,15 @@ fn a_robot_that_is_not_seen_ends_the_run_after_a_while() {
     assert_ne!(whole, nowhere);
     fs::write(&rig, nowhere).unwrap();
     // Nothing of the robot passes the masks: the tip is waited for, and then the run ends at home.
-    let track = ["track", "--rig", text(&rig), "--path", "circle", "--duration", "9"];
+    let track = [
+        "track",
+        "--rig",
+        text(&rig),
+        "--path",
+        "circle",
+        "--duration",
+        "9",
+    ];
     let found = succeed_json(&track);
     let stopped = found["stopped"].as_str().unwrap();
     assert!(stopped.contains("the tip is not seen"), "{found}");
@@ -172,9 +191,23 @@ fn what_is_wrong_is_said() {
         2,
         "cannot be used with",
     );
-    let rig = ["track", "--rig", "examples/rig-sim.toml", "--path", "circle"];
-    for (option, value) in [("--friction", "0.1"), ("--noise", "d435"), ("--scene", "x.toml")] {
-        refuse(&[&rig[..], &[option, value]].concat(), 2, "cannot be used with");
+    let rig = [
+        "track",
+        "--rig",
+        "examples/rig-sim.toml",
+        "--path",
+        "circle",
+    ];
+    for (option, value) in [
+        ("--friction", "0.1"),
+        ("--noise", "d435"),
+        ("--scene", "x.toml"),
+    ] {
+        refuse(
+            &[&rig[..], &[option, value]].concat(),
+            2,
+            "cannot be used with",
+        );
     }
     refuse(
         &[&rig[..], &["--rate", "0.5"]].concat(),

@@ -20,7 +20,7 @@ use tdcr_sim::statics::Settler;
 use tdcr_sim::tendon_friction::FrictionPath;
 use thiserror::Error;
 
-use super::cloud::{CloudSensor, Cameras};
+use super::cloud::{Cameras, CloudSensor};
 use super::{Measurement, Plant, PlantError, Sighting};
 
 /// What a simulated robot is in truth.
@@ -244,8 +244,7 @@ impl SimulatedPlant {
             straight,
             queue: vec![start.as_slice().to_vec(); truth.delay].into(),
             loads: truth.loads.clone(),
-            cameras: (truth.sensors.cloud)
-                .map(|sensor| Cameras::new(&robot, &truth.scene, sensor)),
+            cameras: (truth.sensors.cloud).map(|sensor| Cameras::new(&robot, &truth.scene, sensor)),
             sensors: truth.sensors.clone(),
             period,
             seed,

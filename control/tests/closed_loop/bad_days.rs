@@ -78,11 +78,12 @@ impl Rough<'_> {
     fn spoil(&mut self, fault: Fault, now: &mut Measurement) {
         let tendons = self.last.len();
         let mut nearby = || Vector3::from_fn(|_, _| 0.2 * (self.rng.random::<f64>() - 0.5));
-        let each_sighting = |now: &mut Measurement, change: &dyn Fn(Vector3<f64>) -> Vector3<f64>| {
-            for seen in &mut now.sightings {
-                seen.position = change(seen.position);
-            }
-        };
+        let each_sighting =
+            |now: &mut Measurement, change: &dyn Fn(Vector3<f64>) -> Vector3<f64>| {
+                for seen in &mut now.sightings {
+                    seen.position = change(seen.position);
+                }
+            };
         match fault {
             Fault::Lost => now.sightings.clear(),
             Fault::NotANumber => each_sighting(now, &|p| Vector3::new(p.x, f64::NAN, p.z)),
@@ -155,7 +156,11 @@ impl Plant for Rough<'_> {
 }
 
 fn any_robot(rng: &mut ChaCha8Rng) -> Robot {
-    let name = if rng.random::<f64>() < 0.8 { "2m" } else { "3m" };
+    let name = if rng.random::<f64>() < 0.8 {
+        "2m"
+    } else {
+        "3m"
+    };
     let mut spec = RobotSpec::standard(name).unwrap();
     if rng.random::<f64>() < 0.7 {
         spec.gravity[2] = -spec.gravity[2];
@@ -239,7 +244,16 @@ fn bad_day(seed: u64, steps: &AtomicUsize) -> Option<Tracking> {
         watch: WatchSettings::default(),
     };
     // A simulated robot that cannot go on ends the run by an error, which is a reason said.
-    track(&mut plant, &robot, &start, &path, &mut *controller, &settings, &mut |_| true).ok()
+    track(
+        &mut plant,
+        &robot,
+        &start,
+        &path,
+        &mut *controller,
+        &settings,
+        &mut |_| true,
+    )
+    .ok()
 }
 
 /// Whatever held or ended a run is among its incidents.
@@ -248,8 +262,16 @@ fn says_why(run: &Tracking) {
     for row in &run.rows {
         let begins = row.held.is_some() && !was_held;
         was_held = row.held.is_some();
-        let is_said = run.incidents.iter().any(|incident| incident.time == row.time);
-        assert!(!begins || is_said, "held at {} s, and not said: {:?}", row.time, row.held);
+        let is_said = run
+            .incidents
+            .iter()
+            .any(|incident| incident.time == row.time);
+        assert!(
+            !begins || is_said,
+            "held at {} s, and not said: {:?}",
+            row.time,
+            row.held
+        );
     }
     let ended = run.incidents.iter().any(|incident| incident.is_end);
     assert_eq!(run.stopped.is_some(), ended, "{:?}", run.stopped);
@@ -270,7 +292,11 @@ proptest! {
 #[ignore = "takes minutes of all cores"]
 fn no_command_of_a_million_leaves_its_bounds() {
     const STEPS: usize = 1_000_000;
-    let (steps, days, stopped) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
+    let (steps, days, stopped) = (
+        AtomicUsize::new(0),
+        AtomicUsize::new(0),
+        AtomicUsize::new(0),
+    );
     let work = || {
         while steps.load(Ordering::Relaxed) < STEPS {
             let seed = days.fetch_add(1, Ordering::Relaxed) as u64;

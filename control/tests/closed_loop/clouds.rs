@@ -23,7 +23,11 @@ fn blind(robot: &Robot) -> Truth {
 #[test]
 fn distances_from_the_surface_shrink_as_differences_say() {
     let robot = hanging();
-    let unknowns = [Unknown::Payload, Unknown::TipForce(Axis::Y), Unknown::Offset(2)];
+    let unknowns = [
+        Unknown::Payload,
+        Unknown::TipForce(Axis::Y),
+        Unknown::Offset(2),
+    ];
     let mut belief = Belief::new(&robot, &Loads::default(), &unknowns).unwrap();
     let command = [0.015, 0.022, 0.024, 0.013, 0.024, 0.021];
     let values = DVector::from_vec(vec![0.01, 0.02, 5e-4]);
@@ -58,7 +62,10 @@ fn distances_from_the_surface_shrink_as_differences_say() {
             let expected = (less[row] - more[row]) / (2.0 * step);
             let found = slopes[(row, column)];
             let scale = slopes.column(column).amax();
-            assert!((found - expected).abs() < 1e-3 * scale, "{row} {column}: {found} {expected}");
+            assert!(
+                (found - expected).abs() < 1e-3 * scale,
+                "{row} {column}: {found} {expected}"
+            );
         }
         assert!(slopes.column(column).amax() > 1e-4);
     }
@@ -69,7 +76,9 @@ fn the_tip_is_told_from_clouds_to_a_millimetre() {
     let robot = hanging();
     let mut truth = blind(&robot);
     truth.loads = Loads::payload(0.02).unwrap();
-    let command = robot.command(&[0.015, 0.022, 0.024, 0.013, 0.024, 0.021]).unwrap();
+    let command = robot
+        .command(&[0.015, 0.022, 0.024, 0.013, 0.024, 0.021])
+        .unwrap();
     let mut plant = SimulatedPlant::new(&truth, PERIOD, &command, 3).unwrap();
     let settings = EstimatorSettings::for_robot(&robot);
     let mut estimator = Estimator::new(&robot, &Loads::default(), settings).unwrap();
@@ -84,8 +93,15 @@ fn the_tip_is_told_from_clouds_to_a_millimetre() {
     for _ in 0..5 {
         let measured = plant.measure().unwrap();
         assert!(measured.sightings.is_empty() && measured.tensions.is_none());
-        assert!(measured.cloud.as_ref().is_some_and(|cloud| cloud.len() == 600));
-        estimator.update(command.as_slice(), &measured, PERIOD).unwrap();
+        assert!(
+            measured
+                .cloud
+                .as_ref()
+                .is_some_and(|cloud| cloud.len() == 600)
+        );
+        estimator
+            .update(command.as_slice(), &measured, PERIOD)
+            .unwrap();
     }
     let tip = estimator.belief().tip(command.as_slice()).unwrap();
     let after = (tip - plant_tip(&plant)).norm();
@@ -102,10 +118,22 @@ fn a_circle_is_tracked_with_clouds_alone() {
     let mut plant = SimulatedPlant::new(&truth, PERIOD, &start, 0).unwrap();
     let mut controller = ResolvedRate::default();
     let settings = settings(&robot);
-    let run = track(&mut plant, &robot, &start, &path, &mut controller, &settings, &mut |_| true);
+    let run = track(
+        &mut plant,
+        &robot,
+        &start,
+        &path,
+        &mut controller,
+        &settings,
+        &mut |_| true,
+    );
     let run = run.unwrap();
     assert_eq!(run.stopped, None);
-    assert!(run.rows.iter().all(|row| row.measured.is_none() && row.held.is_none()));
+    assert!(
+        run.rows
+            .iter()
+            .all(|row| row.measured.is_none() && row.held.is_none())
+    );
     let error = run.rms_error().unwrap();
     assert!(error < 0.015 * run.length, "{error} of {}", run.length);
 }

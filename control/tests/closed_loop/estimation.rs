@@ -190,6 +190,7 @@ fn the_covariance_is_that_of_the_errors() {
         let mut estimator = Estimator::new(&robot, &Loads::default(), settings.clone()).unwrap();
         for _ in 0..5 {
             let seen = Measurement {
+                cloud: None,
                 sightings: vec![Sighting {
                     marker: Marker {
                         disc: 9,
