@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use tdcr::control::plant::{Measurement, Plant, PlantError, Sighting};
 use tdcr::control::tip_path::TipPath;
 use tdcr::control::tracking::{Tracking, TrackingError};
+use tdcr::pipeline::PipelineError;
 use tdcr::sim::inverse::recording::Marker;
 use tdcr::sim::robot::Command;
 use tdcr::track::{
@@ -201,11 +202,7 @@ pub fn track_rig<'py>(
         let tracked = track::track_rig(rig, path, payload, &options, &goes_on, &mut |_| {});
         (rig.robot().clone(), tracked)
     })?;
-    let tracked = match tracked {
-        // As every call that moves a rig says it.
-        Err(TrackError::Rig(stopped)) => return Err((*stopped).into()),
-        tracked => tracked?,
-    };
+    let tracked = tracked?;
     let page = track::page(&robot, &tracked, Vec::new()).to_html();
     Ok((summary(&robot, &tracked)?, rows(py, &tracked.run)?, page))
 }
@@ -305,6 +302,8 @@ impl From<TrackError> for Failure {
                 other => Self::input(other.to_string()),
             },
             TrackError::Loads(error) => error.into(),
+            // As every call that moves a rig says it.
+            TrackError::Rig(stopped) => PipelineError::from(*stopped).into(),
             other => Self::input(other.to_string()),
         }
     }
