@@ -123,8 +123,8 @@ def bill_of_materials(materials, dist, number):
     bill = json.loads(materials)
     named = {(part["name"], part["version"]) for part in bill["components"]}
     tree = text_of("cargo", "tree", "--locked", "-p", "tdcr", "-e", "normal", "--prefix", "none", "-f", "{p}")
-    built = {tuple(line.split(" (")[0].split(" v")[:2]) for line in tree.splitlines()}
-    missing = {f"{name} {version}" for name, version in built - named if name != "tdcr-python"}
+    built = set(re.findall(r"(?m)^(\S+) v(\S+)", tree))
+    missing = {f"{name} {version}" for name, version in built - named if name not in UNPUBLISHED}
     if missing:
         sys.exit(f"the bill of materials lacks {', '.join(sorted(missing))}")
     (dist / f"tdcr-{number}.cdx.json").write_text(json.dumps(bill, indent=1) + "\n")
