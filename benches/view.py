@@ -1,7 +1,7 @@
 """Frames of `tdcr view`, in Chromium: the time to the first one, what the solver takes of those of a drag, and from a move of the
 hand to its frame; with a network's cloud following (the default MLP, hardly trained: its time is that of any) and without.
 
-    python benches/view.py target/release/tdcr
+    python benches/view.py target/release/tdcr [ROBOT ...]
 
 needs Playwright and Chromium.
 """
@@ -61,12 +61,12 @@ def trained(binary: str, folder: pathlib.Path, robot: str) -> pathlib.Path:
 
 
 def main() -> None:
-    binary = sys.argv[1]
+    binary, *robots = sys.argv[1:]
     chromium = next(filter(None, map(shutil.which, ["chromium", "chromium-browser", "google-chrome"])))
     print(f"{'robot':8} {'network':8} {'first frame':>12} {'solver, median':>15} {'99 %':>8} {'hand to frame, median':>22}")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        for robot in ROBOTS:
+        for robot in robots or ROBOTS:
             model = trained(binary, pathlib.Path(folder), robot)
             for name, options in [("-", []), ("on", ["--model", str(model)])]:
                 begun = time.perf_counter()
