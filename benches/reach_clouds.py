@@ -46,9 +46,8 @@ def main() -> None:
         if values:
             low, middle, high = np.quantile(values, [0.0, 0.5, 1.0])
             within = np.mean(np.array(values) <= 2.0)
-            print(
-                f"{name}: mean {np.mean(values):.2f} mm, {low:.2f} to {high:.2f}, median {middle:.2f}; {100 * within:.0f} % within 2 mm"
-            )
+            spread = f"{low:.2f} to {high:.2f}, median {middle:.2f}"
+            print(f"{name}: mean {np.mean(values):.2f} mm, {spread}; {100 * within:.0f} % within 2 mm")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Leads the tip of a robot along a circle by what depth cameras see of it, and by nothing else.
 
-The robot is a plant written here: it bears 20 g that nobody knows of, and is seen as D435 cameras would see it. With a rig in its place
-(``plant=tdcr.Rig("rig.toml")``) the same call leads the robot on the desk.
+The robot is a plant written here: it bears 20 g that nobody knows of, and is seen as D435 cameras would see it. With a rig in
+its place (``plant=tdcr.Rig("rig.toml")``) the same call leads the robot on the desk.
 
     python examples/python/visual_servoing.py
 """

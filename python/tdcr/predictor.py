@@ -218,8 +218,8 @@ class Predictor:
 
         Args:
             cloud: Points that the robot is to look like, shape (N, 3) (m, world frame).
-            start: Condition to start from, shape (D,): the command, then the payload (kg) if there is one, which stays. The middle of
-                the training data's unless given.
+            start: Condition to start from, shape (D,): the command, then the payload (kg) if there is one, which stays. The
+                middle of the training data's unless given.
             steps: Most steps.
             points: Points of the predicted clouds, 16 or more.
             tolerance: Mean distance between the clouds (m) at which the search ends.
