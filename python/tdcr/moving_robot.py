@@ -15,8 +15,8 @@ from tdcr.scene import Scene, as_scene
 
 
 class MovingRobot:
-    """A robot in motion, step by step. It can be copied and pickled, state and all. With objects a copy goes on as the first but for
-    rapier's tolerance: the impulses from which its search begins are not kept.
+    """A robot in motion, step by step. It can be copied and pickled, state and all. With objects a copy goes on as the first but
+    for rapier's tolerance: the impulses from which its search begins are not kept.
 
     What is read of it are copies: they stay as they are when the robot moves on.
 
@@ -25,8 +25,8 @@ class MovingRobot:
         dt: Time step (s). One that is too long for the robot is refused by the first :meth:`step`, or by :meth:`reset`.
         integrator: How a step is taken.
         frame_skip: Time steps for which a command holds.
-        scene: Obstacles around the robot, which have friction. Those with a mass move: they are :attr:`objects`. The integrator is
-            one of the two of first order.
+        scene: Obstacles around the robot, which have friction. Those with a mass move: they are :attr:`objects`. The integrator
+            is one of the two of first order.
     """
 
     def __init__(
@@ -47,8 +47,8 @@ class MovingRobot:
         self.start_at(State.straight(robot))
 
     def reset(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> None:
-        """Starts anew at rest in the equilibrium of a command, shape (t,) (m or N), whatever was before. Objects are where the scene
-        has them, and held there while the robot settles.
+        """Starts anew at rest in the equilibrium of a command, shape (t,) (m or N), whatever was before. Objects are where the
+        scene has them, and held there while the robot settles.
 
         Args:
             command: One entry for each tendon.
@@ -62,8 +62,8 @@ class MovingRobot:
         self._native.reset(self._take(command), one_load(loads, payload)._native)
 
     def start_at(self, state: State, command: Any = None) -> None:
-        """Starts anew in a state, objects where the scene has them. Until the next step, tensions are those under ``command``; under
-        the mean one if it is not given."""
+        """Starts anew in a state, objects where the scene has them. Until the next step, tensions are those under ``command``;
+        under the mean one if it is not given."""
         configuration, velocity = one_state(self.robot, state)
         self._native.start_at(configuration, velocity, self._take(self.robot.mean_command if command is None else command))
 
@@ -135,7 +135,7 @@ class MovingRobot:
         return None if self.scene is None else Objects._of(self.scene.objects, self._native.objects())
 
     def place_objects(self, objects: Objects) -> None:
-        """Places the objects where they were when :attr:`objects` was read, of a robot in the same scene. The robot stays as it is.
+        """Places the objects where they were when :attr:`objects` was read, of a robot in the same scene. The robot stays.
 
         Raises:
             InputError: For objects of another scene.

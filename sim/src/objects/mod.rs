@@ -15,6 +15,13 @@
 //! ```
 
 mod state;
+#[cfg_attr(
+    not(feature = "rapier"),
+    allow(
+        dead_code,
+        reason = "what joints leave is asked for by rapier's world alone"
+    )
+)]
 mod twist;
 
 #[cfg(not(feature = "rapier"))]

@@ -85,7 +85,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (SCENE.save, {"path": folder / "scene.toml"}),
         (tdcr.Obstacle.half_space, {"name": "floor", "position": (0, 0, 0), "orientation": (1, 0, 0, 0), "compliance": 1e-6}),
         (tdcr.Obstacle.box, {"name": "box", "size": (1, 1, 1), "friction": 0.1, "color": (1, 2, 3), "mass": 1.0}),
-        (tdcr.Obstacle.sphere, {"name": "ball", "radius": 1.0, "mass": 1.0, "velocity": (0, 0, 0), "angular_velocity": (0, 0, 0)}),
+        (tdcr.Obstacle.sphere, {"name": "b", "radius": 1.0, "mass": 1.0, "velocity": (0, 0, 0), "angular_velocity": (0, 0, 0)}),
         (tdcr.Hinge, {"axis": (0, 0, 1), "anchor": (0, 0, 0), "limits": (-1, 1), "damping": 0.1}),
         (tdcr.Slider, {"axis": (0, 0, 1), "limits": (-1, 1), "damping": 0.1}),
         (tdcr.Obstacle.capsule, {"name": "rod", "radius": 1.0, "length": 1.0}),

@@ -104,7 +104,12 @@ impl<'a> Touching<'a> {
             ("condim", text("1")),
             ("friction", text("0 0 0")),
         ];
-        let obstacles = [("mass", text("0")), ("condim", text("1"))];
+        // MuJoCo's own friction is 1, and of two geoms the larger counts.
+        let obstacles = [
+            ("mass", text("0")),
+            ("condim", text("1")),
+            ("friction", text("0 0 0")),
+        ];
         let classes = [
             (BEAD, [&beads[..], &bits(1, own), &solver].concat()),
             (OBSTACLE, [&obstacles[..], &bits(2, 1), &solver].concat()),
