@@ -129,6 +129,7 @@ type Deployed<'py> = (
 /// Deploys a robot in a scene along a curve through points, shape (points, 3) (m).
 #[pyfunction]
 #[pyo3(signature = (robot, scene, loads, curve, base, stages, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn follow_the_leader<'py>(
     py: Python<'py>,
     robot: PyRef<'_, Robot>,

@@ -1,8 +1,10 @@
 //! `tdcr deploy`.
 
 use std::fs;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
 
-use crate::{refuse, succeed, succeed_json, text};
+use crate::{refuse, succeed, succeed_json, tdcr, text};
 
 const ROBOT: &str = "examples/three-segments.toml";
 
@@ -94,6 +96,36 @@ fn a_deployment_in_a_scene_touches_what_is_in_its_way() {
     );
     let said = succeed(&[&deploy[..], &["--scene", text(&scene)]].concat());
     assert!(said.contains("; contacts bear "), "{said}");
+}
+
+#[test]
+fn a_deployment_that_is_interrupted_leaves_no_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let (curve, table) = (
+        folder.path().join("curve.csv"),
+        folder.path().join("out.csv"),
+    );
+    fs::write(&curve, arc(0.16)).unwrap();
+    let deploy = ["deploy", "--robot", ROBOT, "--along", text(&curve)];
+    let long = ["--stages", "1000000", "--out", text(&table)];
+    let mut child = tdcr(&[&deploy[..], &long].concat())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let begun = lines.next().unwrap().unwrap();
+    assert!(begun.contains("deploy: 1000013 steps"), "{begun}");
+    let id = child.id().to_string();
+    let sent = Command::new("kill").args(["-INT", &id]).status();
+    assert!(sent.unwrap().success());
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    assert!(
+        rest.iter().any(|line| line.contains("interrupted")),
+        "{rest:?}"
+    );
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert!(!table.exists());
 }
 
 #[test]
