@@ -158,7 +158,8 @@ impl SurfacePrior {
 
     /// Values as a condition of the robot.
     fn condition(&self, values: &[f64]) -> Result<Condition, SurfaceError> {
-        let tendons = self.robot.tendons().len();
+        // With those of obstacles that are moved.
+        let tendons = self.robot.tendons().len() + self.recipe.subject.obstacle_numbers();
         let (motors, payload) = match values.len().checked_sub(tendons) {
             Some(0) => (values, None),
             Some(1) => (&values[..tendons], Some(values[tendons] as f32)),

@@ -2,6 +2,8 @@
 //!
 //! The libraries say what they found; what to write against it in Python is known here alone.
 
+use tdcr::control::plan::follow_the_leader::DeploymentError;
+use tdcr::control::plan::{Limit, PlanError, Refusal as PlaceRefusal};
 use tdcr::hw::capture::CaptureError;
 use tdcr::hw::rig::RigError;
 use tdcr::learn::data::{DataError, MergeError};
@@ -108,6 +110,47 @@ pub fn of_study(error: &StudyError) -> Option<String> {
             Refusal::NoModel { .. } => "tdcr.train makes model.safetensors in its folder",
             _ => return None,
         },
+        _ => return None,
+    };
+    Some(hint.to_owned())
+}
+
+/// What to do about a plan that was not found.
+pub fn of_plan(error: &PlanError) -> Option<String> {
+    let refusal = match error {
+        PlanError::NotFound { limit, halts, .. } => {
+            let more = match limit {
+                Limit::Nodes => "nodes= allows more nodes",
+                Limit::Seconds => "seconds= allows more time",
+            };
+            let room = (halts.near > 0).then_some(", a smaller clearance= more room");
+            let room = room.unwrap_or_default();
+            return Some(format!("{more}{room}, another seed= searches elsewhere"));
+        }
+        PlanError::Start(refusal) | PlanError::Goal(refusal) => refusal,
+        PlanError::NoGoal { last, .. } => last.as_ref()?,
+        _ => return None,
+    };
+    let hint = match refusal {
+        PlaceRefusal::Obstacle { .. } => "clearance= says how near it may come",
+        PlaceRefusal::Touching { .. } => {
+            "Scene.with_self_contact(None) lets discs pass through each other"
+        }
+        PlaceRefusal::Tension { .. } => "min_tension= and max_tension= are the limits",
+        PlaceRefusal::Unsettled => "tdcr.settle shows where the robot comes to rest",
+    };
+    Some(hint.to_owned())
+}
+
+/// What to do about a deployment that does not come to its end.
+pub fn of_deployment(error: &DeploymentError) -> Option<String> {
+    let hint = match error {
+        DeploymentError::TooLong { .. } => {
+            "points of the curve are in metres, and end where the tip is to end"
+        }
+        DeploymentError::Unsettled { .. } => {
+            "more stages= go in smaller steps; where obstacles are in the way, move them or the curve"
+        }
         _ => return None,
     };
     Some(hint.to_owned())

@@ -1,12 +1,14 @@
 //! Motions among obstacles, planned.
 
+use std::cell::Cell;
+
 use nalgebra::Vector3;
 use numpy::{
     PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use tdcr::control::plan::follow_the_leader::{
-    BaseMotion, DeploymentError, DeploymentStage, deploy,
+    BaseMotion, DeploymentError, DeploymentStage, DeploymentTask, deploy_while,
 };
 use tdcr::control::plan::{
     Goal, Insertion, MotionPlan, MotionPlanner, PlanError, PlanSettings, Stance,
@@ -14,6 +16,7 @@ use tdcr::control::plan::{
 
 use crate::arrays::{array, contiguous, write_points, write_quaternions};
 use crate::errors::{Failure, Outcome, choice};
+use crate::hint;
 use crate::loads::Loads;
 use crate::robot::Robot;
 use crate::run;
@@ -34,7 +37,7 @@ type Planned<'py> = (
 
 /// Plans a motion to a command and an insertion (m), or to a place of the tip (m).
 #[pyfunction]
-#[pyo3(signature = (robot, scene, loads, start, to, to_insertion, tip, clearance, tension, insertion, seed, nodes, seconds))]
+#[pyo3(signature = (robot, scene, loads, start, to, to_insertion, tip, clearance, tension, insertion, seed, nodes, seconds, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn plan<'py>(
     py: Python<'py>,
@@ -51,6 +54,7 @@ pub fn plan<'py>(
     seed: u64,
     nodes: usize,
     seconds: f64,
+    progress: Option<&Bound<'py, PyAny>>,
 ) -> Outcome<Planned<'py>> {
     let (robot, scene, loads) = (&robot.0, &scene.0, &loads.0);
     let tendons = robot.tendons().len();
@@ -71,9 +75,12 @@ pub fn plan<'py>(
         nodes,
         seconds,
     };
-    let planned = run::long(py, None, |watch| {
-        MotionPlanner::new(robot, scene, loads, settings)?
-            .plan_while(&from, &goal, || !watch.stopped())
+    let planned = run::long(py, progress, |watch| {
+        let reached = Cell::new(0);
+        MotionPlanner::new(robot, scene, loads, settings)?.plan_while(&from, &goal, |nodes| {
+            watch.advance(nodes.saturating_sub(reached.replace(nodes)));
+            !watch.stopped()
+        })
     })??;
     arrays(py, &planned, robot.discs().len(), tendons)
 }
@@ -106,7 +113,8 @@ fn arrays<'py>(
     ))
 }
 
-/// A deployment: arc lengths (m), commands, poses of the base (m; w, x, y, z), places of the discs (m), deviations (m), errors of the tip (m).
+/// A deployment: arc lengths (m), commands, poses of the base (m; w, x, y, z), places of the discs (m), deviations (m), errors of the tip
+/// (m), forces of contacts (N).
 type Deployed<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
@@ -115,17 +123,22 @@ type Deployed<'py> = (
     Bound<'py, PyArray3<f64>>,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
 );
 
-/// Deploys a robot along a curve through points, shape (points, 3) (m).
+/// Deploys a robot in a scene along a curve through points, shape (points, 3) (m).
 #[pyfunction]
+#[pyo3(signature = (robot, scene, loads, curve, base, stages, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn follow_the_leader<'py>(
     py: Python<'py>,
     robot: PyRef<'_, Robot>,
+    scene: PyRef<'_, Scene>,
     loads: PyRef<'_, Loads>,
     curve: PyReadonlyArray2<'_, f64>,
     base: &str,
     stages: usize,
+    progress: Option<&Bound<'py, PyAny>>,
 ) -> Outcome<Deployed<'py>> {
     let motion = choice(
         "base",
@@ -135,11 +148,24 @@ pub fn follow_the_leader<'py>(
             ("carriage", BaseMotion::Carriage),
         ],
     )?;
-    let (robot, loads) = (&robot.0, &loads.0);
+    let (robot, scene, loads) = (&robot.0, &scene.0, &loads.0);
     let shape = [curve.shape()[0], 3];
     let points = contiguous(&curve, "curve", &shape)?.as_chunks::<3>().0;
     let points: Vec<Vector3<f64>> = points.iter().map(|point| Vector3::from(*point)).collect();
-    let found = run::long(py, None, |_| deploy(robot, loads, &points, motion, stages))??;
+    let task = DeploymentTask {
+        robot,
+        scene,
+        loads,
+        points: &points,
+        motion,
+        stages,
+    };
+    let found = run::long(py, progress, |watch| {
+        deploy_while(&task, |_, _| {
+            watch.advance(1);
+            !watch.stopped()
+        })
+    })??;
     let stages = &found.stages;
     let (count, discs, tendons) = (stages.len(), robot.discs().len(), robot.tendons().len());
     let numbers = |of: fn(&DeploymentStage) -> f64| PyArray1::from_iter(py, stages.iter().map(of));
@@ -162,6 +188,7 @@ pub fn follow_the_leader<'py>(
         array(py, positions, [count, discs, 3])?,
         numbers(|stage| stage.deviation),
         numbers(|stage| stage.tip_error),
+        numbers(DeploymentStage::contact_force),
     ))
 }
 
@@ -169,8 +196,13 @@ impl From<DeploymentError> for Failure {
     fn from(error: DeploymentError) -> Self {
         match error {
             DeploymentError::Loads(error) => error.into(),
-            DeploymentError::Unsettled { .. } => Self::Of("PlanError", error.to_string()),
-            other => Self::input(other.to_string()),
+            error => {
+                let class = match error {
+                    DeploymentError::Unsettled { .. } => "PlanError",
+                    _ => "InputError",
+                };
+                Self::with_hint(class, &error, hint::of_deployment(&error))
+            }
         }
     }
 }
@@ -182,7 +214,7 @@ impl From<PlanError> for Failure {
             PlanError::Loads(error) => error.into(),
             PlanError::Target(error) => error.into(),
             PlanError::Setting { .. } => Self::input(error.to_string()),
-            other => Self::Of("PlanError", other.to_string()),
+            other => Self::with_hint("PlanError", &other, hint::of_plan(&other)),
         }
     }
 }

@@ -2,7 +2,9 @@
 
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use tdcr::learn::data::{Normalisation, Recipe, Sample, Simulator, StreamSpec, Subject};
+use tdcr::learn::data::{
+    Normalisation, ObstacleVariation, Recipe, Sample, Simulator, StreamSpec, Subject,
+};
 use tdcr::learn::net::Channels;
 use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::Provenance;
@@ -39,7 +41,7 @@ pub struct Stream {
 #[pymethods]
 impl Stream {
     #[new]
-    #[pyo3(signature = (robot, base, payload, points, voxel, noise, seed, index, stride, reduction, scene=None))]
+    #[pyo3(signature = (robot, base, payload, points, voxel, noise, seed, index, stride, reduction, scene=None, vary_obstacles=None))]
     #[expect(clippy::too_many_arguments, reason = "the settings of a stream")]
     fn new(
         robot: &Robot,
@@ -53,6 +55,7 @@ impl Stream {
         stride: u64,
         reduction: Option<&str>,
         scene: Option<PyRef<'_, Scene>>,
+        vary_obstacles: Option<(f64, f64)>,
     ) -> Outcome<Self> {
         let recipe = Recipe {
             subject: Subject {
@@ -60,6 +63,7 @@ impl Stream {
                 base: visibility(base),
                 payload: payload.map(payload_range),
                 scene: scene.map(|scene| scene.0.clone()).unwrap_or_default(),
+                obstacles: vary_obstacles.map(|(shift, turn)| ObstacleVariation { shift, turn }),
             },
             voxel_size: voxel,
             sensor: sensor(noise)?,

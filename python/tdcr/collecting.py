@@ -10,7 +10,7 @@ from typing import Any, Literal
 from tdcr import _tdcr
 from tdcr._arrays import Progress, as_count, as_flag, as_number, as_text, maybe_text
 from tdcr._files import as_path, as_paths
-from tdcr.data import MOST, Dataset, PathLike, as_payload, as_seed, folder_of
+from tdcr.data import MOST, Dataset, PathLike, as_payload, as_seed, as_variation, folder_of
 from tdcr.robot import Robot
 from tdcr.scene import Scene, as_scene, nothing
 
@@ -29,6 +29,7 @@ def collect(
     seed: int = 0,
     part: str | None = None,
     scene: Scene | None = None,
+    vary_obstacles: float | tuple[float, float] | None = None,
     progress: Progress | None = None,
 ) -> Dataset | None:
     """Makes a data set: settles commands, sees each robot with its cameras, keeps the clouds; as ``tdcr collect``.
@@ -51,6 +52,9 @@ def collect(
         part: ``"I/N"`` collects the ``I``-th of ``N`` equal parts alone, in a folder of its own, for :func:`merge`.
         scene: Obstacles around the robot, which settles among them. They hide from the cameras what is behind them; the clouds
             are of the robot alone. ``meta.json`` holds the scene, meshes included.
+        vary_obstacles: Moves the scene's obstacles but half spaces anew for each sample, by up to so much along each axis (m), or
+            as ``(shift, turn)`` also about each (rad). The displacement of each obstacle, then its rotation vector if it turns,
+            follow the command in conditions.
         progress: Is called with the number of samples made since its last call, as ``tqdm(total=samples).update``; those that
             were made before count at its first.
 
@@ -68,6 +72,7 @@ def collect(
         "base": as_flag(base, "base"),
         "payload": as_payload(payload),
         "noise": maybe_text(noise, "noise"),
+        "vary_obstacles": as_variation(vary_obstacles, scene),
         "design": as_text(design, "design"),
         "seed": as_seed(seed),
         "part": maybe_text(part, "part"),

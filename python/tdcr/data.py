@@ -51,7 +51,8 @@ class Sample(Result):
     """One sample of a data set of ``D`` numbers a condition and ``N`` points a cloud.
 
     Attributes:
-        condition: Shape (D,), float32: the command (m or N), then the payload (kg) if there is one.
+        condition: Shape (D,), float32: the command (m or N), then where obstacles are if they are moved (m, rad), then the
+            payload (kg) if there is one.
         points: Shape (N, 3), float32, world frame (m).
         colors: Shape (N, 3), uint8, RGB.
     """
@@ -194,7 +195,7 @@ class Dataset(Sequence[Sample]):
 
     @property
     def condition_width(self) -> int:
-        """Numbers of a condition ``D``: the command, and the payload if there is one."""
+        """Numbers of a condition ``D``: the command, where obstacles are if they are moved, and the payload if there is one."""
         return self._width
 
     @property
@@ -204,6 +205,12 @@ class Dataset(Sequence[Sample]):
         return None if subject is None else subject["base"] == "shown"
 
     @property
+    def vary_obstacles(self) -> tuple[float, float] | None:
+        """How far obstacles are moved along (m) and turned about each axis (rad) for each sample; ``None`` where they stand."""
+        moved = (self._subject or {}).get("obstacles")
+        return None if moved is None else (moved["shift"], moved["turn"])
+
+    @property
     def payload(self) -> tuple[float, float] | None:
         """Smallest and largest payload (kg); ``None`` in a data set without payloads."""
         payload = (self._subject or {}).get("payload")
@@ -211,10 +218,14 @@ class Dataset(Sequence[Sample]):
 
     @property
     def condition_units(self) -> tuple[str | None, ...]:
-        """Unit of each number of a condition, ``"m"``, ``"N"`` or ``"kg"``; ``None`` where the data set does not say."""
+        """Unit of each number of a condition: ``"m"``, ``"N"``, ``"rad"``, ``"kg"``; ``None`` where the data set does not say."""
         if self.robot is None:
             return (None,) * self._width
-        return self.robot.command_units + ("kg",) * (self._width - self.robot.tendons)
+        loaded = 0 if self.payload is None else 1
+        moved = self._width - self.robot.tendons - loaded
+        turns = self.vary_obstacles is not None and self.vary_obstacles[1] > 0.0
+        each = ("m", "m", "m", "rad", "rad", "rad") if turns else ("m", "m", "m")
+        return self.robot.command_units + each * (moved // len(each)) + ("kg",) * loaded
 
     @cached_property
     def normalisation(self) -> Normalisation:
@@ -402,6 +413,17 @@ def as_payload(payload: Any) -> tuple[float, float] | None:
         return None
     low, high = as_float(payload, "payload", (2,))
     return float(low), float(high)
+
+
+def as_variation(vary_obstacles: Any, scene: Any) -> tuple[float, float] | None:
+    """How far obstacles of a scene are moved (m) and turned (rad), if they are."""
+    if vary_obstacles is None:
+        return None
+    if scene is None:
+        raise InputError(f"vary_obstacles is {vary_obstacles!r} without obstacles; expected `scene`, or None")
+    given = as_array(vary_obstacles, "vary_obstacles")
+    shift, *turn = np.atleast_1d(as_float(given, "vary_obstacles", () if given.ndim == 0 else (2,))).tolist()
+    return float(shift), float(turn[0]) if turn else 0.0
 
 
 def as_seed(seed: Any) -> int:

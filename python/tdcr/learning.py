@@ -20,7 +20,7 @@ from tdcr._files import as_path
 from tdcr._options import as_options
 from tdcr._results import Result
 from tdcr._train_options import TrainOptions
-from tdcr.data import MOST, Dataset, Floats32, PathLike, as_payload, as_seed, folder_of
+from tdcr.data import MOST, Dataset, Floats32, PathLike, as_payload, as_seed, as_variation, folder_of
 from tdcr.errors import InputError
 from tdcr.predictor import Precision, Predictor, model_file
 from tdcr.robot import Robot
@@ -78,6 +78,7 @@ def train(
     fresh: int = 1,
     validation: PathLike | None = None,
     scene: Scene | None = None,
+    vary_obstacles: float | tuple[float, float] | None = None,
     progress: Progress | None = None,
     **options: Unpack[TrainOptions],
 ) -> Run:
@@ -100,6 +101,7 @@ def train(
         fresh: Clouds of the window that are replaced by fresh ones after each step.
         validation: Folder of a data set whose val split validates; by default clouds of the stream that no step sees.
         scene: Obstacles around the stream's robot, as of :func:`collect`.
+        vary_obstacles: Moves them anew for each sample, as of :func:`collect`.
         progress: Is called with the number of steps taken since its last call, as ``tqdm(total=steps).update``; those that were
             taken before count at its first.
         **options: Network and training: :class:`TrainOptions` has their names and what they mean.
@@ -117,8 +119,9 @@ def train(
         raise InputError("color_weight is of a network with colors=True")
     source: Any
     if stream is None:
-        if scene is not None:
-            raise InputError("scene is of a run on a stream; a data set has the one that it was collected in")
+        if scene is not None or vary_obstacles is not None:
+            given = "scene" if scene is not None else "vary_obstacles"
+            raise InputError(f"{given} is of a run on a stream; a data set has the one that it was collected in")
         source = folder_of("data" if data is None else data)
     else:
         for name, value in (("data", data), ("normalisation_from", asked.get("normalisation_from"))):
@@ -127,6 +130,7 @@ def train(
         of_stream = {
             "base": as_flag(base, "base"),
             "payload": as_payload(payload),
+            "vary_obstacles": as_variation(vary_obstacles, scene),
             "stream_points": as_count(stream_points, "stream_points", 1, MOST),
             "voxel": as_number(voxel, "voxel"),
             "noise": maybe_text(noise, "noise"),

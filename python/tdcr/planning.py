@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_choice, as_count, as_float, as_number
+from tdcr._arrays import Floats, Progress, as_choice, as_count, as_float, as_number
 from tdcr._results import Result
 from tdcr.errors import InputError
 from tdcr.loads import Loads, one_load
@@ -63,6 +63,7 @@ def plan(
     seed: int = 0,
     nodes: int = 100_000,
     seconds: float = 10.0,
+    progress: Progress | None = None,
 ) -> Plan:
     """Finds a motion from one command to another, or to a place of the tip, clear of obstacles and without jumps.
 
@@ -85,6 +86,7 @@ def plan(
         seed: Of the search. For one seed the plan is the same, unless time ends the search.
         nodes: Places that the search reaches at most.
         seconds: Time that the search takes at most (s).
+        progress: Is called with the number of places reached since its last call.
 
     Raises:
         PlanError: Where no motion is found, with the reason; or the robot may not be at the start or at the goal.
@@ -112,6 +114,7 @@ def plan(
             as_count(seed, "seed"),
             as_count(nodes, "nodes", 1),
             as_number(seconds, "seconds"),
+            progress,
         )
     )
 
@@ -129,6 +132,7 @@ class Deployment(Result):
         deviations: Mean distance from the curve up to the tip's place, of what is as far from the tip at most, shape (stages,)
             (m).
         tip_errors: Distance of the tip from its place, shape (stages,) (m).
+        contact_forces: Sum of the forces of contacts, shape (stages,) (N).
     """
 
     arc_lengths: Floats
@@ -138,21 +142,32 @@ class Deployment(Result):
     positions: Floats
     deviations: Floats
     tip_errors: Floats
+    contact_forces: Floats
 
 
 def follow_the_leader(
-    robot: RobotLike, curve: Any, *, base: str = "free", stages: int = 40, payload: Any = None, loads: Loads | None = None
+    robot: RobotLike,
+    curve: Any,
+    *,
+    scene: Scene | None = None,
+    base: str = "free",
+    stages: int = 40,
+    payload: Any = None,
+    loads: Loads | None = None,
+    progress: Progress | None = None,
 ) -> Deployment:
     """Deploys a robot along a curve so that its body stays where its tip has gone; the base moves, too.
 
     Args:
         robot: The robot, or what :class:`tdcr.Robot` makes one of. Where its base is does not matter.
         curve: Points of the curve from its start on, world frame, shape (points, 3) (m). It is no longer than the robot.
+        scene: Obstacles around it, which it may touch.
         base: ``"free"``, as a manipulator carries it: the tip is then exactly on the curve; or ``"carriage"``, along the
             direction in which the curve begins.
         stages: Of equal length.
         payload: Mass hung from the last disc (kg).
         loads: Other loads, in place of the payload.
+        progress: Is called with the number of steps done since its last call; there are 13 before the first stage.
 
     Raises:
         InputError: For a curve that is none, or longer than the robot.
@@ -162,9 +177,11 @@ def follow_the_leader(
     return Deployment(
         *_tdcr.follow_the_leader(
             robot._native,
+            (nothing() if scene is None else as_scene(scene))._native,
             one_load(loads, payload)._native,
             as_float(curve, "curve", ("points", 3)),
             as_choice(base, "base", ("free", "carriage")),
             as_count(stages, "stages", 2),
+            progress,
         )
     )

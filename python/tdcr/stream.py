@@ -11,7 +11,7 @@ import numpy as np
 
 from tdcr import _tdcr
 from tdcr._arrays import as_count, as_flag, as_number, maybe_text
-from tdcr.data import MOST, Normalisation, Sample, as_payload, as_seed
+from tdcr.data import MOST, Normalisation, Sample, as_payload, as_seed, as_variation
 from tdcr.robot import Robot
 from tdcr.scene import Scene, as_scene
 
@@ -37,6 +37,7 @@ class Stream(Iterator[Sample]):
         stride: From one sample to the next.
         scene: Obstacles around the robot, which settles among them. They hide from the cameras what is behind them; the clouds
             are of the robot alone.
+        vary_obstacles: Moves them anew for each sample, as of :func:`tdcr.collect`.
         reduction: How samples are reduced, as :meth:`find_reduction` finds it: each is replaced by its class's representative.
 
     Raises:
@@ -59,6 +60,7 @@ class Stream(Iterator[Sample]):
         stride: int = 1,
         reduction: dict[str, Any] | None = None,
         scene: Scene | None = None,
+        vary_obstacles: float | tuple[float, float] | None = None,
     ) -> None:
         own = Robot(robot)
         self._settings: dict[str, Any] = {
@@ -71,6 +73,7 @@ class Stream(Iterator[Sample]):
             "seed": as_seed(seed),
             "reduction": reduction,
             "scene": None if scene is None else as_scene(scene),
+            "vary_obstacles": as_variation(vary_obstacles, scene),
         }
         self._stride = as_count(stride, "stride", 1, LARGEST_INDEX)
         self._native = _tdcr.Stream(
@@ -85,6 +88,7 @@ class Stream(Iterator[Sample]):
             self._stride,
             None if reduction is None else json.dumps(reduction),
             None if scene is None else scene._native,
+            self._settings["vary_obstacles"],
         )
 
     @property

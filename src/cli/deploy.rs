@@ -6,14 +6,18 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use serde_json::{Value, json};
-use tdcr::control::plan::follow_the_leader::{BaseMotion, DeploymentStage, deploy};
+use tdcr::control::plan::follow_the_leader::{
+    BaseMotion, DeploymentError, DeploymentStage, DeploymentTask, deploy_while,
+};
+use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::Robot;
 
 use super::commands::read_points;
-use super::console::Console;
+use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsJson};
 use super::output;
+use super::scene::SceneArgs;
 use super::units::command_columns;
 
 /// Deploy a robot along a curve so that its body stays where its tip has gone (follow the leader): the base moves, too
@@ -33,6 +37,8 @@ pub(super) struct DeployArgs {
     stages: usize,
     #[command(flatten)]
     loads: LoadArgs,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// The table of stages to write (.csv or .json)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -87,6 +93,8 @@ struct StageJson {
     deviation: f64,
     /// Distance of the tip from its place (m).
     tip_error: f64,
+    /// Sum of the forces of its contacts with obstacles and itself (N).
+    contact_force: f64,
 }
 
 impl From<&DeploymentStage> for StageJson {
@@ -100,6 +108,7 @@ impl From<&DeploymentStage> for StageJson {
             tip_position: stage.positions[stage.positions.len() - 1].into(),
             deviation: stage.deviation,
             tip_error: stage.tip_error,
+            contact_force: stage.contact_force(),
         }
     }
 }
@@ -111,7 +120,28 @@ pub(super) fn run(args: &DeployArgs, console: &Console) -> anyhow::Result<()> {
     let loads = args.loads.on(&robot)?;
     let points = read_points(&args.along)?;
     let points: Vec<_> = points.into_iter().map(Into::into).collect();
-    let deployment = deploy(&robot, &loads, &points, args.base.into(), args.stages)?;
+    let scene = args.scene.load()?;
+    let task = DeploymentTask {
+        robot: &robot,
+        scene: &scene,
+        loads: &loads,
+        points: &points,
+        motion: args.base.into(),
+        stages: args.stages,
+    };
+    let mut begun = false;
+    let deployed = deploy_while(&task, |_, steps| {
+        if !std::mem::replace(&mut begun, true) {
+            console.begin("deploy", steps as u64, 0);
+        }
+        console.advance(1);
+        !console.interrupted()
+    });
+    console.end();
+    let deployment = match deployed {
+        Err(DeploymentError::Interrupted) => return Err(Interrupted.into()),
+        deployed => deployed?,
+    };
     let length = robot.arc_lengths().last().copied().unwrap_or_default();
     let command_units: Vec<&str> = robot.tendons().iter().map(|t| t.unit().symbol()).collect();
     let deployed = Deployed {
@@ -126,6 +156,7 @@ pub(super) fn run(args: &DeployArgs, console: &Console) -> anyhow::Result<()> {
             "tip_position": "m",
             "deviation": "m",
             "tip_error": "m",
+            "contact_force": "N",
         }),
         mean_deviation: deployment.mean_deviation,
         largest_deviation: deployment.largest_deviation,
@@ -158,6 +189,7 @@ fn write(out: &Path, format: &str, robot: &Robot, deployed: &Deployed) -> anyhow
             "z (m)",
             "deviation (m)",
             "tip_error (m)",
+            "contact_force (N)",
         ]
         .map(str::to_owned),
     );
@@ -168,7 +200,7 @@ fn write(out: &Path, format: &str, robot: &Robot, deployed: &Deployed) -> anyhow
             .chain(&stage.base_position)
             .chain(&stage.base_orientation)
             .chain(&stage.tip_position)
-            .chain([&stage.deviation, &stage.tip_error]);
+            .chain([&stage.deviation, &stage.tip_error, &stage.contact_force]);
         let row: Vec<String> = numbers.map(|number| format!("{number:?}")).collect();
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{}", row.join(","));
@@ -177,9 +209,17 @@ fn write(out: &Path, format: &str, robot: &Robot, deployed: &Deployed) -> anyhow
 }
 
 fn human_readable(deployed: &Deployed) -> String {
-    let tip = (deployed.stages.iter()).fold(0.0, |most: f64, stage| most.max(stage.tip_error));
+    let most = |of: fn(&StageJson) -> f64| deployed.stages.iter().map(of).fold(0.0, f64::max);
+    let (tip, force) = (
+        most(|stage| stage.tip_error),
+        most(|stage| stage.contact_force),
+    );
+    let touching = match force {
+        0.0 => String::new(),
+        force => format!("; contacts bear {force:.3} N together at most"),
+    };
     format!(
-        "{}: the body is {:.3} mm off the curve in the mean, {:.3} % of the robot's length, {:.3} mm at the worst stage; the tip {tip:.1e} m at most\n",
+        "{}: the body is {:.3} mm off the curve in the mean, {:.3} % of the robot's length, {:.3} mm at the worst stage; the tip {tip:.1e} m at most{touching}\n",
         counted(deployed.stages.len(), "stage"),
         1e3 * deployed.mean_deviation,
         100.0 * deployed.relative_deviation,

@@ -4,6 +4,8 @@
 
 use std::error::Error;
 
+use tdcr::control::plan::follow_the_leader::DeploymentError;
+use tdcr::control::plan::{Limit, PlanError, Refusal as PlaceRefusal};
 use tdcr::hw::capture::CaptureError;
 use tdcr::hw::log::LogError;
 use tdcr::hw::recorded::RecordedError;
@@ -37,6 +39,54 @@ fn of_cause(cause: &(dyn Error + 'static)) -> Option<String> {
         .or_else(|| cause.downcast_ref().and_then(of_rig))
         .or_else(|| cause.downcast_ref().and_then(of_recorded))
         .or_else(|| cause.downcast_ref().and_then(of_log))
+        .or_else(|| cause.downcast_ref().and_then(of_plan))
+        .or_else(|| cause.downcast_ref().and_then(of_deployment))
+}
+
+fn of_plan(error: &PlanError) -> Option<String> {
+    let hint = match error {
+        PlanError::NotFound { limit, halts, .. } => {
+            let more = match limit {
+                Limit::Nodes => "--nodes allows more nodes",
+                Limit::Seconds => "--seconds allows more time",
+            };
+            let room = (halts.near > 0).then_some(", a smaller --clearance more room");
+            format!(
+                "{more}{}, another --seed searches elsewhere",
+                room.unwrap_or_default()
+            )
+        }
+        PlanError::Start(refusal) | PlanError::Goal(refusal) => return of_place(refusal),
+        PlanError::NoGoal { last, .. } => return last.as_ref().and_then(of_place),
+        _ => return None,
+    };
+    Some(hint)
+}
+
+/// What to do about a place where a plan may not be.
+fn of_place(refusal: &PlaceRefusal) -> Option<String> {
+    let hint = match refusal {
+        PlaceRefusal::Obstacle { .. } => "--clearance says how near it may come",
+        PlaceRefusal::Touching { .. } => {
+            "`self_contact = \"ignored\"` in the scene lets discs pass through each other"
+        }
+        PlaceRefusal::Tension { .. } => "--min-tension and --max-tension are the limits",
+        PlaceRefusal::Unsettled => "tdcr settle shows where the robot comes to rest",
+    };
+    Some(hint.to_owned())
+}
+
+fn of_deployment(error: &DeploymentError) -> Option<String> {
+    let hint = match error {
+        DeploymentError::TooLong { .. } => {
+            "points of --along are in metres, and end where its tip is to end"
+        }
+        DeploymentError::Unsettled { .. } => {
+            "more --stages go in smaller steps; where obstacles are in the way, move them or the curve"
+        }
+        _ => return None,
+    };
+    Some(hint.to_owned())
 }
 
 fn of_page(error: &PageError) -> Option<String> {

@@ -1,5 +1,6 @@
 //! `tdcr plan`.
 
+use std::cell::Cell;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -167,7 +168,14 @@ pub(super) fn run(args: &PlanArgs, console: &Console) -> anyhow::Result<()> {
         }),
     };
     let mut planner = MotionPlanner::new(&robot, &scene, &loads, settings)?;
-    let plan = match planner.plan_while(&from, &to, || !console.interrupted()) {
+    console.begin("plan", args.nodes as u64, 0);
+    let reached = Cell::new(0);
+    let planned = planner.plan_while(&from, &to, |nodes| {
+        console.advance(nodes.saturating_sub(reached.replace(nodes)) as u64);
+        !console.interrupted()
+    });
+    console.end();
+    let plan = match planned {
         Err(PlanError::Interrupted) => return Err(Interrupted.into()),
         planned => planned?,
     };
@@ -214,22 +222,12 @@ fn draw(
         match step.stance.insertion {
             0.0 => picture.add(number, time, &step.configuration)?,
             insertion => {
-                let moved = robot_inserted(robot, insertion)?;
+                let moved = Insertion::moved(robot, insertion)?;
                 picture.add_of(&moved, number, time, &step.configuration)?;
             }
         }
     }
     picture.finish()
-}
-
-/// The robot with its base moved along its axis (m).
-fn robot_inserted(robot: &Robot, insertion: f64) -> anyhow::Result<Robot> {
-    let mut spec = robot.spec().clone();
-    let shift = Insertion::axis(robot) * insertion;
-    for (place, shift) in spec.base.position.iter_mut().zip(&shift) {
-        *place += shift;
-    }
-    Ok(Robot::new(spec)?)
 }
 
 fn write(out: &Path, format: &str, robot: &Robot, planned: &Planned) -> anyhow::Result<()> {

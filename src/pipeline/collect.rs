@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 use serde::Serialize;
 use tdcr_learn::data::{
-    self, Collector, Condition, DataSet, ExportFormat, ImportSettings, Imported, Meta, Recipe,
-    SimulationTimes, Simulator, conditions,
+    self, Collector, Condition, DataSet, ExportFormat, ImportSettings, Imported, Meta,
+    ObstacleDraws, Recipe, SimulationTimes, Simulator, conditions_among,
 };
 use tdcr_sim::geometry::Stand;
 use tdcr_sim::robot::{Robot, RobotSpec};
@@ -124,7 +124,10 @@ pub fn collect(
         seed,
         ..
     } = *settings;
-    let conditions = conditions(&robot, payload, design, samples, seed)?;
+    let obstacles = settings.vary_obstacles;
+    let obstacles = obstacles.map(|variation| ObstacleDraws::new(variation, scene, &robot));
+    let obstacles = obstacles.transpose()?;
+    let conditions = conditions_among(&robot, payload, obstacles.as_ref(), design, samples, seed)?;
     let collector = match settings.part {
         None => Collector::open(dir, &meta)?,
         Some(part) => Collector::open_part(dir, &meta, part)?,

@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 use tdcr_base::Part;
-use tdcr_learn::data::{Design, Meta, Origin, PayloadRange, Recipe, Subject};
+use tdcr_learn::data::{Design, Meta, ObstacleVariation, Origin, PayloadRange, Recipe, Subject};
 use tdcr_learn::options::cli::{amount, named, positive};
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::RobotSpec;
@@ -34,6 +34,10 @@ pub struct CollectSettings {
     /// Hang payloads from the tip (kg): a tenth exactly 0, the others uniform from MIN to MAX
     #[arg(long, value_name = "MIN:MAX", value_parser = payload_range, allow_hyphen_values = true)]
     pub payload: Option<PayloadRange>,
+    /// Move the scene's obstacles anew for each sample, by up to SHIFT along each axis (m) and, where it is given, TURN about each
+    /// (degrees); where they are is part of the condition. Half spaces stay
+    #[arg(long, value_name = "SHIFT[:TURN]", value_parser = obstacle_variation)]
+    pub vary_obstacles: Option<ObstacleVariation>,
     /// Simulate the noise of a real depth camera
     #[arg(long, value_enum)]
     #[serde(deserialize_with = "noise")]
@@ -60,6 +64,7 @@ impl Default for CollectSettings {
             voxel: Recipe::default().voxel_size,
             base: false,
             payload: None,
+            vary_obstacles: None,
             noise: None,
             design: Design::Uniform,
             seed: 0,
@@ -76,6 +81,7 @@ impl CollectSettings {
                 base: visibility(self.base),
                 payload: self.payload,
                 scene: scene.clone(),
+                obstacles: self.vary_obstacles,
             },
             voxel_size: self.voxel,
             sensor: self.noise.map(Noise::sensor),
@@ -88,7 +94,7 @@ impl CollectSettings {
             tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
             seed: self.seed,
             count: self.samples,
-            motors: recipe.subject.robot.tendon_count(),
+            motors: recipe.subject.robot.tendon_count() + recipe.subject.obstacle_numbers(),
             points_per_cloud: self.points,
             samples_per_shard: SAMPLES_PER_SHARD,
             origin: Origin::Simulated {
@@ -140,6 +146,18 @@ pub fn payload_range(text: &str) -> Result<PayloadRange, String> {
     let ends = ends.and_then(|(min, max)| Some((min.parse().ok()?, max.parse().ok()?)));
     let (min, max) = ends.ok_or("expected MIN:MAX, two masses in kg")?;
     Ok(PayloadRange { min, max })
+}
+
+/// Parses how far obstacles are moved, `SHIFT` or `SHIFT:TURN` (m, degrees).
+///
+/// # Errors
+/// What was expected.
+pub fn obstacle_variation(text: &str) -> Result<ObstacleVariation, String> {
+    let (shift, turn) = text.split_once(':').unwrap_or((text, "0"));
+    let parsed = shift.parse::<f64>().ok().zip(turn.parse::<f64>().ok());
+    let (shift, turn) = parsed.ok_or("expected SHIFT or SHIFT:TURN, in metres and degrees")?;
+    let turn = turn.to_radians();
+    Ok(ObstacleVariation { shift, turn })
 }
 
 /// The camera of this name, in JSON.

@@ -149,6 +149,7 @@ fn recipe(origin: &Origin) -> Option<Recipe> {
                 base: recording.base,
                 payload: None,
                 scene: Scene::default(),
+                obstacles: None,
             },
             voxel_size: recording.voxel_size,
             sensor: None,
@@ -206,6 +207,7 @@ impl Side {
                 base: own.map_or(base, |recipe| recipe.subject.base),
                 payload: own.and_then(|recipe| recipe.subject.payload),
                 scene: own.map_or_else(Scene::default, |recipe| recipe.subject.scene.clone()),
+                obstacles: own.and_then(|recipe| recipe.subject.obstacles),
             },
             sensor: None,
             ..own.cloned().unwrap_or_default()

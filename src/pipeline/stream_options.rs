@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Deserialize;
-use tdcr_learn::data::{PayloadRange, Recipe, StreamSpec, Subject};
+use tdcr_learn::data::{ObstacleVariation, PayloadRange, Recipe, StreamSpec, Subject};
 use tdcr_learn::options::cli::{amount, positive};
 use tdcr_sim::robot::RobotSpec;
 use tdcr_sim::scene::Scene;
 
-use super::collect_settings::{Noise, noise, payload_range, visibility};
+use super::collect_settings::{Noise, noise, obstacle_variation, payload_range, visibility};
 use super::training_data::StreamSettings;
 
 /// What a stream is made of, beside its robot, its scene and its seed. The one list of these options: the command line (`tdcr train --stream`)
@@ -24,6 +24,10 @@ pub struct StreamOptions {
     /// Payloads of the stream (kg)
     #[arg(long, value_name = "MIN:MAX", value_parser = payload_range, requires = "stream", allow_hyphen_values = true)]
     pub payload: Option<PayloadRange>,
+    /// Move the scene's obstacles anew for each sample of the stream, by up to SHIFT along each axis (m) and, where it is given, TURN
+    /// about each (degrees); where they are is part of the condition. Half spaces stay
+    #[arg(long, value_name = "SHIFT[:TURN]", value_parser = obstacle_variation, requires = "stream")]
+    pub vary_obstacles: Option<ObstacleVariation>,
     /// Points per cloud of the stream
     #[arg(long, default_value_t = Self::default().stream_points, value_name = "N", value_parser = amount, requires = "stream")]
     pub stream_points: usize,
@@ -56,6 +60,7 @@ impl Default for StreamOptions {
         Self {
             base: false,
             payload: None,
+            vary_obstacles: None,
             stream_points: spec.points,
             voxel: spec.recipe.voxel_size,
             noise: None,
@@ -74,6 +79,7 @@ impl StreamOptions {
             base: visibility(self.base),
             payload: self.payload,
             scene,
+            obstacles: self.vary_obstacles,
         };
         let recipe = Recipe {
             subject,

@@ -22,6 +22,10 @@ pub(super) fn require_same(model: &Subject, data: &Subject) -> Result<(), EvalEr
         let [model, data] = [model, data].map(|subject| subject.scene.obstacles().len());
         return Err(EvalError::OtherScene { model, data });
     }
+    if model.obstacles != data.obstacles {
+        let (model, data) = (model.obstacles, data.obstacles);
+        return Err(EvalError::OtherObstacles { model, data });
+    }
     let covered = match (model.payload, data.payload) {
         (Some(model), Some(data)) => model.covers(data),
         (model, data) => model == data,

@@ -24,7 +24,14 @@ impl TrainingData {
     pub fn facts(&self) -> Result<DataFacts, DataError> {
         match self {
             Self::Set(dir) | Self::SetIn(dir, _) => DataFacts::of(&DataSet::open(dir)?),
-            Self::Stream(_) => Ok(DataFacts::default()),
+            Self::Stream(stream) => {
+                let subject = &stream.spec.recipe.subject;
+                Ok(DataFacts {
+                    scene: subject.scene.clone(),
+                    obstacles: subject.obstacles,
+                    ..DataFacts::default()
+                })
+            }
         }
     }
 }

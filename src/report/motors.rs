@@ -34,7 +34,14 @@ impl MotorGroup {
                     motors: group.tendons,
                     unit: Some(group.unit),
                 });
-                known.collect()
+                // What moves obstacles follows the tendons.
+                let tendons = robot.tendon_count();
+                let obstacles = (tendons < motors).then(|| Self {
+                    name: "obstacles".to_owned(),
+                    motors: tendons..motors,
+                    unit: None,
+                });
+                known.chain(obstacles).collect()
             },
         )
     }

@@ -4,7 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use tdcr::learn::data::{DataSet, Meta, Sample, Split};
+use tdcr::learn::data::{
+    Condition, DataSet, Meta, Origin, Sample, Simulator, Split, split_indices,
+};
+use tdcr::sim::robot::Robot;
 
 use crate::resume::set_files;
 use crate::{refuse, stderr, succeed, succeed_json, tdcr, text};
@@ -156,4 +159,134 @@ fn poses_through_ground_and_base_are_counted_without_a_scene() {
     let count = |name: &str| counted["poses"][name].as_u64().unwrap();
     assert_eq!(count("in_contact"), 0);
     assert!(count("below_ground") > 0 && count("through_base") > 0);
+}
+
+const VARIED: [&str; 2] = ["--vary-obstacles", "0.02:20"];
+
+#[test]
+fn obstacles_are_moved_for_each_sample_and_clouds_are_those_of_the_moved_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scene = scene(folder.path(), SCENE);
+    collect("1", &scene, &path("one"), &VARIED);
+    collect("2", &scene, &path("two"), &VARIED);
+    assert!(set_files(&path("one")) == set_files(&path("two")));
+
+    let set = DataSet::open(&path("one")).unwrap();
+    let meta = set.meta().unwrap();
+    assert_eq!((meta.motors, meta.condition_dim()), (6 + 12, 18));
+    let Origin::Simulated { recipe, .. } = &meta.origin else {
+        panic!("not simulated");
+    };
+    let variation = recipe.subject.obstacles.unwrap();
+    assert_eq!(variation.shift, 0.02);
+    let splits = split_indices(meta.count, meta.seed).unwrap();
+    let indices = splits.of(Split::Val).iter().chain(splits.of(Split::Test));
+    let kept = samples(&path("one"), Split::Val).into_iter();
+    let kept = kept.chain(samples(&path("one"), Split::Test));
+    let robot = Robot::new(recipe.subject.robot.clone()).unwrap();
+    let mut places = Vec::new();
+    for (sample, &index) in kept.zip(indices) {
+        let (command, numbers) = sample.condition.motors.split_at(6);
+        assert!(
+            numbers
+                .iter()
+                .zip([0.02, 0.02, 0.02, 0.3491, 0.3491, 0.3491].repeat(2))
+                .all(|(x, most)| x.abs() <= most)
+        );
+        // The same cloud as in a scene that stands there.
+        let mut still = recipe.clone();
+        still.subject.obstacles = None;
+        still.subject.scene = variation.place(&recipe.subject.scene, numbers).unwrap();
+        let condition = Condition {
+            motors: command.to_vec(),
+            payload: None,
+        };
+        let again = Simulator::new(&robot, &still).sample(condition, 400, meta.seed, index as u64);
+        assert_eq!(again.unwrap().cloud, sample.cloud);
+        places.push(numbers.to_vec());
+    }
+    assert!(places.len() >= 4 && places[0] != places[1]);
+    let info = succeed(&["data", "info", text(&path("one"))]);
+    assert!(info.contains("18, "), "{info}");
+}
+
+#[test]
+fn a_network_learns_and_is_scored_with_obstacles_in_its_conditions() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scene = scene(folder.path(), SCENE);
+    collect("2", &scene, &path("data"), &VARIED);
+    let (data, run) = (path("data"), path("run"));
+    let model = run.join("model.safetensors");
+    let small = [
+        "train",
+        "--data",
+        text(&data),
+        "--out",
+        text(&run),
+        "--steps",
+        "4",
+    ];
+    succeed(&small);
+    let eval = [
+        "eval",
+        "--data",
+        text(&data),
+        "--model",
+        text(&model),
+        "--emd-points",
+        "64",
+    ];
+    let scored = succeed_json(&eval);
+    assert!(scored.is_object());
+    // Of obstacles that stand there is another set.
+    let still = path("still");
+    collect("2", &scene, &still, &[]);
+    let other = ["eval", "--data", text(&still), "--model", text(&model)];
+    refuse(
+        &other,
+        1,
+        "the model was trained with obstacles that are moved by up to 0.02 m and 20 degrees",
+    );
+    let stream = [
+        "train",
+        "--stream",
+        "2m",
+        "--scene",
+        text(&scene),
+        "--steps",
+        "2",
+        "--stream-points",
+        "200",
+        "--window",
+        "8",
+    ];
+    let streamed = path("streamed");
+    succeed(&[&stream[..], &VARIED, &["--out", text(&streamed)]].concat());
+}
+
+#[test]
+fn obstacles_that_cannot_be_moved_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let floor = scene(folder.path(), "[[obstacle]]\nhalf_space = {}\n");
+    let out = folder.path().join("data");
+    let place = ["--scene", text(&floor), "--out", text(&out)];
+    let set = [&SET[..], &place].concat();
+    refuse(
+        &[&set[..], &VARIED].concat(),
+        1,
+        "expected a scene with an obstacle that is not a half space",
+    );
+    refuse(
+        &[&SET[..], &VARIED, &["--out", text(&out)]].concat(),
+        1,
+        "of 0 obstacles",
+    );
+    refuse(
+        &[&set[..], &["--vary-obstacles", "far"]].concat(),
+        2,
+        "expected SHIFT or SHIFT:TURN",
+    );
+    assert!(!out.exists());
 }

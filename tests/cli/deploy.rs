@@ -1,8 +1,10 @@
 //! `tdcr deploy`.
 
 use std::fs;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
 
-use crate::{refuse, succeed, succeed_json, text};
+use crate::{refuse, succeed, succeed_json, tdcr, text};
 
 const ROBOT: &str = "examples/three-segments.toml";
 
@@ -51,6 +53,79 @@ fn a_robot_is_deployed_along_a_curve_and_says_how_far_it_is_off() {
     assert!(turns.iter().all(|turn| *turn == turns[0]));
     assert!(carriage["relative_deviation"].as_f64().unwrap() < 0.02);
     assert!(succeed(&deploy).contains("10 stages: the body is"));
+}
+
+#[test]
+fn a_deployment_in_a_scene_touches_what_is_in_its_way() {
+    let folder = tempfile::tempdir().unwrap();
+    let (curve, scene) = (
+        folder.path().join("curve.csv"),
+        folder.path().join("scene.toml"),
+    );
+    fs::write(&curve, arc(0.16)).unwrap();
+    // A ball that comes 2 mm into where the discs of the tip would be at the arc's end.
+    let ball =
+        "[[obstacle]]\nname = 'ball'\nsphere = { radius = 0.02 }\nposition = [0.082, 0.0, 0.142]\n";
+    fs::write(&scene, ball).unwrap();
+    let deploy = [
+        "deploy",
+        "--robot",
+        ROBOT,
+        "--along",
+        text(&curve),
+        "--stages",
+        "10",
+    ];
+    let free = succeed_json(&deploy);
+    let among = succeed_json(&[&deploy[..], &["--scene", text(&scene)]].concat());
+    let forces = |deployed: &serde_json::Value| -> Vec<f64> {
+        let stages = deployed["stages"].as_array().unwrap().iter();
+        stages
+            .map(|stage| stage["contact_force"].as_f64().unwrap())
+            .collect()
+    };
+    assert!(forces(&free).iter().all(|force| *force == 0.0));
+    let (first, last) = (forces(&among)[0], forces(&among)[9]);
+    assert!(first == 0.0 && last > 1e-3, "{:?}", forces(&among));
+    // The tip is on the curve until the ball is in its way.
+    let off = |stage: usize| among["stages"][stage]["tip_error"].as_f64().unwrap();
+    assert!(
+        off(0) < 1e-6 && off(9) > 1e-4 && off(9) < 1e-2,
+        "{}",
+        off(9)
+    );
+    let said = succeed(&[&deploy[..], &["--scene", text(&scene)]].concat());
+    assert!(said.contains("; contacts bear "), "{said}");
+}
+
+#[test]
+fn a_deployment_that_is_interrupted_leaves_no_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let (curve, table) = (
+        folder.path().join("curve.csv"),
+        folder.path().join("out.csv"),
+    );
+    fs::write(&curve, arc(0.16)).unwrap();
+    let deploy = ["deploy", "--robot", ROBOT, "--along", text(&curve)];
+    let long = ["--stages", "1000000", "--out", text(&table)];
+    let mut child = tdcr(&[&deploy[..], &long].concat())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let begun = lines.next().unwrap().unwrap();
+    assert!(begun.contains("deploy: 1000013 steps"), "{begun}");
+    let id = child.id().to_string();
+    let sent = Command::new("kill").args(["-INT", &id]).status();
+    assert!(sent.unwrap().success());
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    assert!(
+        rest.iter().any(|line| line.contains("interrupted")),
+        "{rest:?}"
+    );
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert!(!table.exists());
 }
 
 #[test]

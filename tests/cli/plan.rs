@@ -164,6 +164,7 @@ fn what_cannot_be_planned_says_why() {
     refuse(&[&plan[..], &["--scene", text(&cage)]].concat(), 1, said);
     let weak = [&plan[..], &["--max-tension", "0.1"]].concat();
     refuse(&weak, 1, "at the start tendon");
+    refuse(&weak, 1, "--min-tension and --max-tension are the limits");
     let far = ["plan", "--from", FROM, "--tip", "1,0,0"];
     refuse(&far, 1, "no command was found that brings the tip to");
     let negative = [&plan[..], &["--clearance", "-1"]].concat();

@@ -33,6 +33,7 @@ pub fn provenance() -> Provenance {
             base: BaseVisibility::Hidden,
             payload: None,
             scene: Scene::default(),
+            obstacles: None,
         }),
         normalisation: Normalisation {
             motor_min: vec![0.0; 6],

@@ -175,10 +175,10 @@ impl MotionPlanner {
     /// [`PlanError::Start`] and [`PlanError::Goal`] where the robot may not be there, [`PlanError::NoGoal`] where no command brings the tip there,
     /// [`PlanError::NotFound`] where the search ends without a plan, [`PlanError::Command`] for a command of another robot.
     pub fn plan(&mut self, from: &Stance, to: &Goal) -> Result<MotionPlan, PlanError> {
-        self.plan_while(from, to, || true)
+        self.plan_while(from, to, |_| true)
     }
 
-    /// The same as long as `go_on` says so, which is asked between extensions of the search.
+    /// The same as long as `go_on` says so, which is asked between extensions of the search, with the number of places reached.
     ///
     /// # Errors
     /// As [`plan`](Self::plan); [`PlanError::Interrupted`] after it was told to stop.
@@ -186,7 +186,7 @@ impl MotionPlanner {
         &mut self,
         from: &Stance,
         to: &Goal,
-        go_on: impl Fn() -> bool,
+        go_on: impl Fn(usize) -> bool,
     ) -> Result<MotionPlan, PlanError> {
         let began = Instant::now();
         let settled = self.walker.settled;
@@ -289,7 +289,7 @@ impl MotionPlanner {
     fn commands_for(
         &mut self,
         target: Vector3<f64>,
-        go_on: &impl Fn() -> bool,
+        go_on: &impl Fn(usize) -> bool,
     ) -> Result<Vec<Stop>, PlanError> {
         let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
         rng.set_stream(1);
@@ -298,7 +298,7 @@ impl MotionPlanner {
         let (mut tried, mut reached, mut last) = (0, 0, None);
         let mut goals: Vec<Stop> = Vec::new();
         while tried < goal::MOST_SEARCHES && goals.len() < goal::ENOUGH {
-            if !go_on() {
+            if !go_on(0) {
                 return Err(PlanError::Interrupted);
             }
             tried += 1;
@@ -328,7 +328,7 @@ impl MotionPlanner {
         start: &Stop,
         goals: &[Stop],
         began: Instant,
-        go_on: &impl Fn() -> bool,
+        go_on: &impl Fn(usize) -> bool,
     ) -> Result<(Vec<Stop>, usize), PlanError> {
         let PlanSettings {
             nodes: most,
@@ -371,7 +371,7 @@ impl MotionPlanner {
                     halts: search.halts,
                 });
             }
-            if !go_on() {
+            if !go_on(search.nodes()) {
                 return Err(PlanError::Interrupted);
             }
             met = search.grow(grown);

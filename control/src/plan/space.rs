@@ -3,7 +3,7 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::robot::{Command, CommandError, Robot};
+use tdcr_sim::robot::{Command, CommandError, Robot, SpecError};
 
 /// Base that moves along its own z axis as a further degree of freedom, as on a linear stage.
 ///
@@ -19,6 +19,19 @@ impl Insertion {
     pub fn axis(robot: &Robot) -> Vector3<f64> {
         let [w, x, y, z] = robot.spec().base.orientation;
         UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)) * Vector3::z()
+    }
+
+    /// The robot with its base moved along its axis (m).
+    ///
+    /// # Errors
+    /// [`SpecError`] for a base so far away that no robot can stand there, or not finite.
+    pub fn moved(robot: &Robot, along: f64) -> Result<Robot, SpecError> {
+        let mut spec = robot.spec().clone();
+        let shift = Self::axis(robot) * along;
+        for (place, shift) in spec.base.position.iter_mut().zip(&shift) {
+            *place += shift;
+        }
+        Robot::new(spec)
     }
 }
 

@@ -5,8 +5,12 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use tdcr_control::plan::follow_the_leader::{BaseMotion, Deployment, DeploymentError, deploy};
+use tdcr_control::plan::follow_the_leader::{
+    BaseMotion, Deployment, DeploymentError, DeploymentTask, deploy, deploy_while,
+};
+use tdcr_sim::contact::ContactSettler;
 use tdcr_sim::robot::{Loads, Robot, RobotSpec};
+use tdcr_sim::scene::{Obstacle, Scene};
 
 /// Stages of a deployment.
 const STAGES: usize = 40;
@@ -225,4 +229,86 @@ fn a_robot_without_weight_follows_an_arc_that_its_segments_can_take() {
     );
     let refused = deploy(&robot, &Loads::default(), &arc[..1], BaseMotion::Free, 20);
     assert_eq!(refused, Err(DeploymentError::Curve(1)));
+}
+
+#[test]
+fn a_deployment_tells_its_steps_and_stops_when_it_is_told_to() {
+    let robot = robot();
+    let arc: Vec<_> = (0..=20)
+        .map(|k| {
+            let angle = 0.5 * f64::from(k) / 20.0;
+            Vector3::new(0.3 * (1.0 - angle.cos()), 0.0, 0.3 * angle.sin())
+        })
+        .collect();
+    let task = DeploymentTask {
+        robot: &robot,
+        scene: &Scene::default(),
+        loads: &Loads::default(),
+        points: &arc,
+        motion: BaseMotion::Carriage,
+        stages: 5,
+    };
+    let mut told = Vec::new();
+    let whole = deploy_while(&task, |done, steps| {
+        told.push((done, steps));
+        true
+    });
+    assert_eq!(whole.unwrap().stages.len(), 5);
+    assert_eq!(told, (1..=18).map(|done| (done, 18)).collect::<Vec<_>>());
+    let stopped = deploy_while(&task, |done, _| done < 3);
+    assert_eq!(stopped, Err(DeploymentError::Interrupted));
+}
+
+/// Each stage settles again among the obstacles, by none of the deployment's code, where it has its discs, and bears what it said.
+#[test]
+fn stages_of_a_deployment_in_a_scene_are_equilibria_among_its_obstacles() {
+    let robot = robot();
+    let length = robot.arc_lengths()[robot.discs().len() - 1];
+    let at = |k: i32| {
+        let angle = 0.8 * f64::from(k) / 40.0;
+        let radius = 0.85 * length / 0.8;
+        Vector3::new(radius * (1.0 - angle.cos()), 0.0, radius * angle.sin())
+    };
+    let points: Vec<_> = (0..=40).map(at).collect();
+    // The tip's disc would reach 1 mm into the ball.
+    let (tip, before) = (points[40], points[39]);
+    let along = (tip - before).normalize();
+    let inward = along.cross(&Vector3::y()) * -1.0;
+    let away = 0.02 + robot.discs()[robot.discs().len() - 1].radius - 0.001;
+    let ball = Obstacle::sphere("ball", 0.02).unwrap();
+    let ball = ball.at((tip + inward * away).into());
+    let scene = Scene::new(vec![ball]).unwrap();
+    let task = DeploymentTask {
+        robot: &robot,
+        scene: &scene,
+        loads: &Loads::default(),
+        points: &points,
+        motion: BaseMotion::Free,
+        stages: 12,
+    };
+    let deployment = deploy_while(&task, |_, _| true).unwrap();
+    let mut touching = 0;
+    for stage in &deployment.stages {
+        let mut spec = robot.spec().clone();
+        let (base, turn) = (stage.base.translation.vector, stage.base.rotation);
+        spec.base.position = base.into();
+        spec.base.orientation = [turn.w, turn.i, turn.j, turn.k];
+        let (there, loads) = (Robot::new(spec).unwrap(), Loads::default());
+        // From where it would be without the ball, which the straight robot may pass on the other side.
+        let free = there.settle(&stage.command, &loads);
+        let mut settler = ContactSettler::new(&there, &scene);
+        let found = settler.settle_from(&free.configuration, &stage.command, &loads);
+        let found = found.unwrap();
+        for (one, other) in stage.positions.iter().zip(&found.equilibrium.positions) {
+            assert!((one - other).norm() < 1e-5, "{}", (one - other).norm());
+        }
+        let force: f64 = found.contacts.iter().map(|one| one.force.norm()).sum();
+        assert!((force - stage.contact_force()).abs() < 1e-2 * force.max(1e-3));
+        let touches = force > 1e-4;
+        touching += usize::from(touches);
+        // The tip is on the curve where the ball lets it, and else as near as it comes.
+        let allowed = if touches { 4e-3 } else { 1e-6 };
+        assert!(stage.tip_error < allowed, "{}", stage.tip_error);
+    }
+    assert!((1..12).contains(&touching), "{touching}");
 }

@@ -35,7 +35,7 @@ fn solved(name: &str, queries: std::ops::Range<u64>, budget: Budget) -> f64 {
         let mut planner =
             MotionPlanner::new(&robot, &query.scene, &Loads::default(), settings).unwrap();
         let began = processor_seconds();
-        let go_on = || match budget {
+        let go_on = |_| match budget {
             Budget::Nodes(_) => true,
             Budget::Seconds(most) => processor_seconds() - began < most,
         };

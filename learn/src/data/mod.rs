@@ -9,7 +9,8 @@
 //! train/shard-00000.h5, ..., val/..., test/... B samples each, N points a cloud, D values of a condition:
 //!     data         (B, N, 3)  f32   points, world frame (m)
 //!     rgb          (B, N, 3)  u8    colours
-//!     motors       (B, D)     f32   conditions: commands (m), then the payload (kg) in a set with payloads
+//!     motors       (B, D)     f32   conditions: commands (m), then where obstacles are moved their displacements (m, rad), then
+//!                                   the payload (kg) in a set with payloads
 //!     motors_norm  (B, D)     f32   conditions, min-max scaled to [0, 1]
 //!     data_norm    (B, N, 3)  f32   points divided by s
 //!     center       (B, 3)     f32   zeros
@@ -17,7 +18,7 @@
 //!     payload      (B,)       f32   payloads (kg) once more: in a set with payloads alone
 //! ```
 //!
-//! A payload is one more motor to readers of the layout that know none; `payload` tells the others which it is.
+//! Displacements of obstacles ([`ObstacleVariation`]) are more motors. A payload is one more motor to readers of the layout that know none; `payload` tells the others which it is.
 //!
 //! [`Collector`] makes one, takes up an interrupted one, and lets one grow, or makes a part of one; [`merge()`] puts parts
 //! together; [`DataSet`] reads one, `meta.json` or not.
@@ -37,6 +38,7 @@ mod merge;
 mod merge_error;
 mod meta;
 mod normalisation;
+mod obstacle_variation;
 mod part;
 mod sample;
 mod sample_count;
@@ -49,7 +51,7 @@ mod stream;
 
 pub use check::{Finding, check, check_with};
 pub use collector::Collector;
-pub use conditions::{Condition, Design, PayloadRange, UnitPoints, conditions};
+pub use conditions::{Condition, Design, PayloadRange, UnitPoints, conditions, conditions_among};
 pub use dataset::DataSet;
 pub use error::DataError;
 pub use exchange::{
@@ -60,6 +62,7 @@ pub use merge::merge;
 pub use merge_error::MergeError;
 pub use meta::{Meta, Origin, Recording};
 pub use normalisation::{Normalisation, OutOfRange};
+pub use obstacle_variation::{ObstacleDraws, ObstacleVariation};
 pub use sample::Sample;
 pub use simulator::{Recipe, SimulateError, SimulationTimes, Simulator, Subject};
 pub use split::{Split, SplitIndices, split_indices};

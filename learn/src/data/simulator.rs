@@ -13,7 +13,7 @@ use tdcr_sim::scene::Scene;
 use tdcr_sim::statics::Equilibrium;
 
 use super::conditions::{PayloadRange, rng};
-use super::{Condition, DataError, Sample};
+use super::{Condition, DataError, ObstacleVariation, Sample};
 
 /// What clouds show: a network that learned one subject says nothing about another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +29,9 @@ pub struct Subject {
     /// the robot alone.
     #[serde(default, skip_serializing_if = "Scene::is_empty")]
     pub scene: Scene,
+    /// How far the obstacles are moved from there, anew for each sample; `None` where they stand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub obstacles: Option<ObstacleVariation>,
 }
 
 /// Everything besides its condition that a simulated cloud depends on.
@@ -52,6 +55,7 @@ impl Default for Subject {
             base: BaseVisibility::Hidden,
             payload: None,
             scene: Scene::default(),
+            obstacles: None,
         }
     }
 }
@@ -59,6 +63,11 @@ impl Default for Subject {
 impl Subject {
     /// Name of the robot where none is asked for.
     pub const ROBOT: &str = "2m";
+
+    /// Numbers of a condition between the command and the payload: where the obstacles are.
+    pub fn obstacle_numbers(&self) -> usize {
+        self.obstacles.map_or(0, |one| one.numbers(&self.scene))
+    }
 }
 
 /// The default subject, seen by perfect cameras, in voxels of 2 mm as in the paper.
@@ -76,8 +85,8 @@ impl Recipe {
     /// Refuses what no cloud can be made by.
     ///
     /// # Errors
-    /// [`DataError::InvalidMeta`] for voxels without size or larger than robots, payloads that are no masses, and scenes that cannot be
-    /// written whole.
+    /// [`DataError::InvalidMeta`] for voxels without size or larger than robots, payloads that are no masses, scenes that cannot be
+    /// written whole, and obstacles that cannot be moved so.
     pub fn check(&self) -> Result<(), DataError> {
         if !VoxelGrid::is_size(self.voxel_size) {
             return Err(DataError::InvalidMeta {
@@ -93,6 +102,9 @@ impl Recipe {
                 found: error.to_string(),
                 expected: "a scene that can be written whole",
             });
+        }
+        if let Some(obstacles) = self.subject.obstacles {
+            obstacles.check(&self.subject.scene)?;
         }
         self.subject.payload.map_or(Ok(()), PayloadRange::check)
     }
@@ -111,6 +123,9 @@ pub enum SimulateError {
     /// Among the obstacles there is nothing to settle.
     #[error(transparent)]
     Contact(#[from] ContactError),
+    /// An obstacle is moved to where none can be.
+    #[error("an obstacle cannot be moved so: {0}")]
+    Obstacle(String),
     /// The robot did not settle.
     #[error("the robot did not settle under {condition:?}: residual {residual:e} N m")]
     NotSettled {
@@ -152,6 +167,16 @@ pub struct Simulator {
     observer: Observer,
     sensor: Option<Sensor>,
     times: SimulationTimes,
+    moving: Option<Moving>,
+}
+
+/// Obstacles that are elsewhere for each sample, and what sees them.
+struct Moving {
+    variation: ObstacleVariation,
+    /// As the recipe has them.
+    scene: Scene,
+    /// Where they are.
+    numbers: Vec<f32>,
 }
 
 impl Simulator {
@@ -168,6 +193,11 @@ impl Simulator {
             .among(&recipe.subject.scene),
             sensor: recipe.sensor,
             times: SimulationTimes::default(),
+            moving: recipe.subject.obstacles.map(|variation| Moving {
+                variation,
+                scene: recipe.subject.scene.clone(),
+                numbers: Vec::new(),
+            }),
         }
     }
 
@@ -188,7 +218,12 @@ impl Simulator {
     /// [`SimulateError`] where the condition does not fit the robot, or the robot does not settle.
     pub fn settle(&mut self, condition: &Condition) -> Result<&Equilibrium, SimulateError> {
         let began = Instant::now();
-        let command = condition.command(&self.robot)?;
+        let command = match self.place_obstacles(condition)? {
+            0 => condition.command(&self.robot)?,
+            _ => condition
+                .without_obstacles(&self.robot)
+                .command(&self.robot)?,
+        };
         let unloaded = &self
             .settler
             .settle(&command, &Loads::default())?
@@ -208,6 +243,31 @@ impl Simulator {
             condition: condition.values().collect(),
             residual: equilibrium.residual,
         })
+    }
+
+    /// Moves the obstacles to where a condition has them; how many numbers of it say so.
+    fn place_obstacles(&mut self, condition: &Condition) -> Result<usize, SimulateError> {
+        let Some(moving) = &mut self.moving else {
+            return Ok(0);
+        };
+        let tendons = self.robot.tendons().len();
+        let count = moving.variation.numbers(&moving.scene);
+        let numbers = condition.motors.get(tendons..).unwrap_or_default();
+        if numbers.len() != count {
+            let (found, expected) = (condition.motors.len(), tendons + count);
+            let message = format!(
+                "the condition has {found} numbers before the payload, expected {expected}: {tendons} of the tendons, {count} of the obstacles"
+            );
+            return Err(SimulateError::Obstacle(message));
+        }
+        if moving.numbers != numbers {
+            let scene = moving.variation.place(&moving.scene, numbers);
+            let scene = scene.map_err(|error| SimulateError::Obstacle(error.to_string()))?;
+            self.settler = ContactSettler::new(&self.robot, &scene);
+            self.observer.surround(&scene);
+            moving.numbers = numbers.to_vec();
+        }
+        Ok(count)
     }
 
     /// What the robot touches where it last settled.

@@ -13,7 +13,7 @@ use tdcr_sim::robot::{Robot, SpecError};
 
 use super::conditions::{rng, uniform};
 use super::simulator::{Recipe, SimulateError, Simulator};
-use super::{Condition, Normalisation, Sample};
+use super::{Condition, Normalisation, ObstacleDraws, Sample};
 
 /// What the samples of a stream are functions of, with their index.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -137,8 +137,11 @@ impl StreamSpec {
 
     /// The condition of sample `index`; `robot` is compiled from the recipe's.
     pub(crate) fn condition(&self, robot: &Robot, index: u64) -> Condition {
-        let payload = self.recipe.subject.payload;
-        uniform(robot, payload, &mut rng(self.seed, index))
+        let subject = &self.recipe.subject;
+        let draws = |obstacles| ObstacleDraws::new(obstacles, &subject.scene, robot);
+        let obstacles = subject.obstacles.map(draws).and_then(Result::ok);
+        let rng = &mut rng(self.seed, index);
+        uniform(robot, subject.payload, obstacles.as_ref(), rng)
     }
 
     /// A normalisation that holds for every sample of the stream without looking at any: commands and payloads by their
@@ -151,7 +154,8 @@ impl StreamSpec {
         let robot = Robot::new(subject.robot.clone())?;
         let payload = subject.payload.map(|range| [0.0, range.max]);
         let ranges = robot.tendons().iter().map(|tendon| tendon.range);
-        let ranges: Vec<[f64; 2]> = ranges.chain(payload).collect();
+        let obstacles = (subject.obstacles).map_or_else(Vec::new, |one| one.ranges(&subject.scene));
+        let ranges: Vec<[f64; 2]> = ranges.chain(obstacles).chain(payload).collect();
         Ok(Normalisation {
             motor_min: ranges.iter().map(|range| range[0]).collect(),
             motor_max: ranges.iter().map(|range| range[1]).collect(),

@@ -6,7 +6,7 @@ use tdcr_sim::scene::Scene;
 use thiserror::Error;
 
 use super::{Net, Preset, TrainOptions};
-use crate::data::{DataError, DataSet, Meta, Origin, Recipe, Split, Subject};
+use crate::data::{DataError, DataSet, Meta, ObstacleVariation, Origin, Recipe, Split, Subject};
 use crate::flow::FlowPath;
 use crate::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape, Precision};
 use crate::prior::Prior;
@@ -23,6 +23,8 @@ pub struct DataFacts {
     pub voxel_size: f64,
     /// Obstacles around the robot.
     pub scene: Scene,
+    /// How far they are moved for each sample.
+    pub obstacles: Option<ObstacleVariation>,
 }
 
 /// Of a stream that is seen as data sets are by default.
@@ -34,6 +36,7 @@ impl Default for DataFacts {
             base: usual.subject.base,
             voxel_size: usual.voxel_size,
             scene: usual.subject.scene,
+            obstacles: None,
         }
     }
 }
@@ -46,12 +49,17 @@ impl DataFacts {
     pub fn of(set: &DataSet) -> Result<Self, DataError> {
         let clouds = Some(set.samples(Split::Train)?.len());
         let origin = set.meta().cloned().map(|meta: Meta| meta.origin);
-        let (base, voxel_size, scene) = match origin {
-            Some(Origin::Simulated { recipe, .. }) => {
-                (recipe.subject.base, recipe.voxel_size, recipe.subject.scene)
-            }
+        let (subject, voxel_size) = match origin {
+            Some(Origin::Simulated { recipe, .. }) => (recipe.subject, recipe.voxel_size),
             Some(Origin::Recorded { recording }) => {
-                (recording.base, recording.voxel_size, Scene::default())
+                let base = recording.base;
+                (
+                    Subject {
+                        base,
+                        ..Subject::default()
+                    },
+                    recording.voxel_size,
+                )
             }
             _ => {
                 return Ok(Self {
@@ -62,9 +70,10 @@ impl DataFacts {
         };
         Ok(Self {
             clouds,
-            base,
+            base: subject.base,
             voxel_size,
-            scene,
+            scene: subject.scene,
+            obstacles: subject.obstacles,
         })
     }
 }
@@ -257,6 +266,7 @@ impl TrainOptions {
             base: data.base,
             payload: None,
             scene: data.scene.clone(),
+            obstacles: data.obstacles,
         };
         Ok(Prior::Surface(Box::new(Recipe {
             subject,

@@ -7,13 +7,14 @@ use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
+use tdcr::control::plan::Insertion;
 
 use crate::arrays::{array, contiguous, write_points, write_quaternions};
 use crate::errors::{Failure, Outcome};
 use crate::robot::Robot;
 use crate::run;
 use crate::scene::Scene;
-use row::{Motion, Row, Scale};
+use row::{Asked, Motion, Observed, Row, Scale};
 
 /// Robots of one size, each with a state of its own, advanced by one call.
 ///
@@ -25,7 +26,7 @@ pub struct BatchSimulation {
     tendons: usize,
     motion: Option<Motion>,
     scale: Scale,
-    scene: tdcr::sim::scene::Scene,
+    carriage: Option<Insertion>,
 }
 
 /// Colours and depth of a picture.
@@ -70,6 +71,11 @@ impl BatchSimulation {
         )))
     }
 
+    /// Entries of a command: of the tendons, and of a base that moves.
+    fn commanded(&self) -> usize {
+        self.tendons + usize::from(self.carriage.is_some())
+    }
+
     /// Numbers of all rows in one array, `width` of each.
     fn gathered(&self, width: usize, write: impl Fn(&Row, &mut [f64])) -> Vec<f64> {
         let mut values = vec![0.0; width * self.rows.len()];
@@ -85,17 +91,19 @@ impl BatchSimulation {
 #[pymethods]
 impl BatchSimulation {
     /// One robot a row. With a time step (s) they move by `frame_skip` of them at each advance; without, they settle.
-    /// Observed places are relative to `origin` (m) and in units of `length` (m). All are in one scene, if one is given; those that
-    /// settle slide along obstacles without friction.
+    /// Observed places are relative to `origin` (m) and in units of `length` (m). All are in one scene, or each in its own; those that
+    /// settle slide along obstacles without friction. With the least and largest `insertion` (m) their bases move along their axes by
+    /// the last entry of a command; not in time.
     #[new]
-    #[pyo3(signature = (robots, timestep, frame_skip, origin, length, scene=None))]
+    #[pyo3(signature = (robots, timestep, frame_skip, origin, length, scenes=None, insertion=None))]
     fn new(
         robots: Vec<PyRef<'_, Robot>>,
         timestep: Option<f64>,
         frame_skip: usize,
         origin: [f64; 3],
         length: f64,
-        scene: Option<PyRef<'_, Scene>>,
+        scenes: Option<Vec<PyRef<'_, Scene>>>,
+        insertion: Option<[f64; 2]>,
     ) -> Outcome<Self> {
         let Some(first) = robots.first() else {
             return Err(Failure::input("no robots; expected at least one"));
@@ -104,6 +112,21 @@ impl BatchSimulation {
             return Err(Failure::input(format!(
                 "length {length}, frame_skip {frame_skip}; expected them above 0"
             )));
+        }
+        let scenes = scenes.unwrap_or_default();
+        if ![0, 1, robots.len()].contains(&scenes.len()) {
+            let (found, robots) = (scenes.len(), robots.len());
+            let message =
+                format!("{found} scenes of {robots} robots; expected none, one, or one of each");
+            return Err(Failure::input(message));
+        }
+        if let Some(range @ [low, high]) = insertion
+            && (timestep.is_some() || !(low <= 0.0 && 0.0 <= high))
+        {
+            let message = format!(
+                "an insertion of {range:?} m with a time step of {timestep:?} s; expected 0 m in its range, and no time step"
+            );
+            return Err(Failure::input(message));
         }
         let steps = frame_skip;
         let mut batch = Self {
@@ -115,13 +138,15 @@ impl BatchSimulation {
                 origin: Vector3::from(origin),
                 length,
             },
-            scene: scene.map(|scene| scene.0.clone()).unwrap_or_default(),
+            carriage: insertion.map(|range| Insertion { range }),
         };
-        for robot in &robots {
+        let nothing = tdcr::sim::scene::Scene::default();
+        for (k, robot) in robots.iter().enumerate() {
             batch.fits(robot)?;
-            batch
-                .rows
-                .push(Row::new(&robot.0, &batch.scene, batch.motion)?);
+            let scene = scenes.get(k).or(scenes.first());
+            let scene = scene.map_or(&nothing, |scene| &scene.0);
+            let row = Row::new(&robot.0, scene, batch.motion, batch.carriage)?;
+            batch.rows.push(row);
         }
         Ok(batch)
     }
@@ -129,13 +154,24 @@ impl BatchSimulation {
     /// Puts another robot into a row, which must then be reset.
     fn set_robot(&mut self, row: usize, robot: PyRef<'_, Robot>) -> Outcome<()> {
         self.fits(&robot)?;
-        let new = Row::new(&robot.0, &self.scene, self.motion)?;
-        *self.row(row)? = new;
+        let motion = self.motion;
+        let row = self.row(row)?;
+        *row = row.anew(Some(&robot.0), None, motion)?;
+        Ok(())
+    }
+
+    /// Puts other obstacles around a row, which must then be reset.
+    fn set_scene(&mut self, row: usize, scene: PyRef<'_, Scene>) -> Outcome<()> {
+        let motion = self.motion;
+        let row = self.row(row)?;
+        *row = row.anew(None, Some(&scene.0), motion)?;
         Ok(())
     }
 
     /// Starts some rows anew where they settle under a command and a payload (kg), from the straight pose and with nothing
     /// left of what was before. Returns which of them failed.
+    ///
+    /// Commands have shape (rows, tendons), or with bases that move (rows, tendons + 1).
     fn reset<'py>(
         &mut self,
         py: Python<'py>,
@@ -143,13 +179,16 @@ impl BatchSimulation {
         commands: PyReadonlyArray2<'_, f64>,
         payloads: PyReadonlyArray1<'_, f64>,
     ) -> Outcome<Bound<'py, PyArray1<bool>>> {
-        let (count, tendons) = (rows.len(), self.tendons);
-        let commands = contiguous(&commands, "commands", &[count, tendons])?;
+        let (count, width) = (rows.len(), self.commanded());
+        let commands = contiguous(&commands, "commands", &[count, width])?;
         let payloads = contiguous(&payloads, "payloads", &[count])?;
         let mut chosen = vec![false; self.rows.len()];
         for (k, &row) in rows.iter().enumerate() {
-            let command = &commands[k * tendons..(k + 1) * tendons];
-            self.row(row)?.ask(command, Some(payloads[k]))?;
+            self.row(row)?.ask(&Asked {
+                command: &commands[k * width..(k + 1) * width],
+                payload: Some(payloads[k]),
+                force: [0.0; 3],
+            })?;
             chosen[row] = true;
         }
         let mut ended: Vec<Outcome<()>> = chosen.iter().map(|_| Ok(())).collect();
@@ -168,22 +207,30 @@ impl BatchSimulation {
         Ok(PyArray1::from_vec(py, failed))
     }
 
-    /// Advances all rows under commands and, where given, payloads (kg). Returns which of them have failed.
-    #[pyo3(signature = (commands, payloads=None))]
+    /// Advances all rows under commands and, where given, payloads (kg) and forces on the tips, world axes, shape (rows, 3) (N).
+    /// Returns which of them have failed.
+    #[pyo3(signature = (commands, payloads=None, forces=None))]
     fn advance<'py>(
         &mut self,
         py: Python<'py>,
         commands: PyReadonlyArray2<'_, f64>,
         payloads: Option<PyReadonlyArray1<'_, f64>>,
+        forces: Option<PyReadonlyArray2<'_, f64>>,
     ) -> Outcome<Bound<'py, PyArray1<bool>>> {
-        let (count, tendons) = (self.rows.len(), self.tendons);
-        let commands = contiguous(&commands, "commands", &[count, tendons])?;
+        let (count, width) = (self.rows.len(), self.commanded());
+        let commands = contiguous(&commands, "commands", &[count, width])?;
         let payloads = (payloads.as_ref())
             .map(|payloads| contiguous(payloads, "payloads", &[count]))
             .transpose()?;
+        let forces = (forces.as_ref())
+            .map(|forces| contiguous(forces, "forces", &[count, 3]))
+            .transpose()?;
         for (k, row) in self.rows.iter_mut().enumerate() {
-            let payload = payloads.map(|payloads| payloads[k]);
-            row.ask(&commands[k * tendons..(k + 1) * tendons], payload)?;
+            row.ask(&Asked {
+                command: &commands[k * width..(k + 1) * width],
+                payload: payloads.map(|payloads| payloads[k]),
+                force: forces.map_or([0.0; 3], |all| [0, 1, 2].map(|axis| all[3 * k + axis])),
+            })?;
         }
         let all = self.rows.iter_mut().collect();
         each(py, all, |row: &mut &mut Row| row.advance())?;
@@ -207,14 +254,21 @@ impl BatchSimulation {
         rows.try_for_each(|(row, numbers)| row.restore(numbers))
     }
 
-    /// Writes what is observed of each row to the first columns of `out`: the command of each tendon (-1 to 1), then of the
-    /// `whole` robot places (n, 3), quaternions (n, 4) and, in motion, joint rates (n, 3) (rad/s); or of the tip its place,
-    /// axis and, in motion, velocity.
-    fn observe(&self, mut out: PyReadwriteArray2<'_, f32>, whole: bool) -> Outcome<()> {
+    /// Writes what is observed of each row to the first columns of `out`: the command of each tendon (-1 to 1), and of a base that
+    /// moves, then of the `whole` robot places (n, 3), quaternions (n, 4) and, in motion, joint rates (n, 3) (rad/s); or of the tip its
+    /// place, axis and, in motion, velocity; then the `tensions` (N), where asked for.
+    #[pyo3(signature = (out, whole, tensions=false))]
+    fn observe(
+        &self,
+        mut out: PyReadwriteArray2<'_, f32>,
+        whole: bool,
+        tensions: bool,
+    ) -> Outcome<()> {
+        let observed = Observed { whole, tensions };
         let &[rows, columns] = numpy::PyUntypedArrayMethods::shape(&**out) else {
             return Err(Failure::input("out has not two axes"));
         };
-        let width = Row::width(self.discs, self.tendons, whole, self.motion.is_some());
+        let width = self.rows[0].width(observed);
         if rows != self.rows.len() || columns < width {
             return Err(Failure::input(format!(
                 "out has shape {:?}, expected {} rows of at least {width}",
@@ -225,7 +279,7 @@ impl BatchSimulation {
         let out =
             (out.as_slice_mut()).map_err(|_| Failure::input("out is not contiguous in C order"))?;
         for (row, out) in self.rows.iter().zip(out.chunks_exact_mut(columns)) {
-            row.observe(self.scale, whole, &mut out[..width]);
+            row.observe(self.scale, observed, &mut out[..width]);
         }
         Ok(())
     }

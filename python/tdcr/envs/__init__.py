@@ -10,6 +10,8 @@ Importing this module registers them. In one line, ``gymnasium.make("tdcr.envs:t
 ``tdcr/Reach2m-v0``            the tip to a point; dense reward
 ``tdcr/ReachGoal2m-v0``        the same with goals in the observation; sparse reward, for HER
 ``tdcr/ReachGoal2mDense-v0``   the same, dense
+``tdcr/ReachObstacle2m-v0``    the tip to a point among obstacles that are drawn for each episode
+``tdcr/Insert2m-v0``           the robot into a bent tube, also by moving its base
 ``tdcr/Shape2m-v0``            the whole robot to a shape: poses of the discs, or a point cloud (``target="cloud"``)
 ``tdcr/Payload2m-v0``          the tip to a point with an unknown payload
 ``tdcr/Track2m-v0``            the tip along a path
@@ -27,8 +29,9 @@ try:
 except ImportError as error:
     raise MissingPackageError("tdcr.envs needs Gymnasium, which is not installed: pip install gymnasium") from error
 
+from tdcr.envs.all_tasks import TASKS
 from tdcr.envs.environment import TendonRobotEnv, TendonRobotGoalEnv
-from tdcr.envs.tasks import TASKS, Task
+from tdcr.envs.tasks import Task
 from tdcr.envs.vector import TendonRobotVectorEnv
 
 __all__ = ["TASKS", "Task", "TendonRobotEnv", "TendonRobotGoalEnv", "TendonRobotVectorEnv", "register"]
@@ -37,6 +40,8 @@ _IDS = {
     "Reach{}": "reach",
     "ReachGoal{}": "reach_goal",
     "ReachGoal{}Dense": "reach_goal_dense",
+    "ReachObstacle{}": "reach_obstacle",
+    "Insert{}": "insert",
     "Shape{}": "shape",
     "Payload{}": "payload",
     "Track{}": "track",

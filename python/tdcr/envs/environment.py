@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import gymnasium
@@ -19,8 +19,8 @@ RENDER_MODES = ("rgb_array", "depth_array")
 class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """A tendon-driven continuum robot with a task.
 
-    **Action**, shape (tendons,), -1 to 1: by how much the command of each tendon changes, in ``rate`` of its range. Commands
-    stay within their ranges, so that no action is unsafe.
+    **Action**, shape (tendons,), -1 to 1: by how much the command of each tendon changes, in ``rate`` of its range; of the task
+    Insert one more entry, how far the base is inserted. Commands stay within their ranges, so that no action is unsafe.
 
     **Observation**, float32: see ``env.unwrapped.layout``. Places are relative to the base and in lengths of the robot.
 
@@ -35,7 +35,9 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         robot: Anything that :class:`tdcr.Robot` takes.
         dynamics: Whether the robot moves in time; else each step leads to the equilibrium of its command.
         randomise: Ranges ``(low, high)`` that parameters are drawn from at each reset: names of
-            :meth:`tdcr.Robot.with_values`, in SI units, and ``"payload"`` (kg).
+            :meth:`tdcr.Robot.with_values`, in SI units; ``"payload"`` (kg); ``"disturbance"``, size of a force on the tip whose
+            direction is drawn anew every 10 steps (N); ``"noise"``, standard deviation of what is added to all that is measured,
+            in its unit; ``"delay"``, steps by which actions arrive late; and names of the task. :meth:`randomise` changes them.
         observation: ``"state"``: commands, places and quaternions of the discs, and in motion rates of the joints;
             ``"tip"``: commands, place and axis of the tip, and in motion its velocity; ``"cloud"``: commands, and the points
             that the robot's cameras see.
@@ -53,6 +55,13 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             ``disc_forces`` (force on each disc, world frame, shape (discs, 3), N): in motion those of the last time step. Robots
             that do not move in time slide along obstacles without friction.
         contact_cost: What the reward loses for each newton of ``contact_force``; not of goal-based tasks.
+        action: ``"increment"``, or ``"absolute"``: the command itself, -1 to 1 over its range, approached by ``rate`` a step.
+        tension_range: Drives all tendons by tensions (N) of this range ``(low, high)``, in place of what the robot's file says;
+            the robot needs an elastic backbone to stand so.
+        observe_tensions: Whether the tendons' tensions (N) are observed, too.
+        weights: Factors of the reward's terms, by name: ``info`` has each as it counts, ``reward_distance`` and its like. Besides
+            the terms of the task, ``"change"`` is minus the mean square of the commands' changes, in units of the largest ones;
+            by default it is left out. Not of goal-based tasks.
         render_mode: ``"rgb_array"`` or ``"depth_array"``; ``gymnasium.make`` makes a window of the first for ``"human"``.
         camera, width, height: Which of the robot's cameras pictures are of, and their size.
         target: Of the task Shape: ``"poses"`` or ``"cloud"``.
@@ -79,10 +88,13 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
         Args:
             seed: Of ``np_random``; without, it goes on.
-            options: Of tasks of reaching ``"goal"``: the point that is asked for, world frame, shape (3,) (m).
+            options: ``"start"``: the command that the episode starts under, shape (entries,) (m or N); ``"payload"``: what hangs
+                from the tip (kg), in place of what is drawn; of tasks of reaching ``"goal"``: the point that is asked for, world
+                frame, shape (3,) (m). On a rig the last alone.
 
         Raises:
             InputError: For options that the task does not take.
+            NotSettledError: For a start at which the robot does not settle.
             ContactError: In a scene, for a straight robot inside an obstacle.
             DynamicsError: In motion, if the time step is too long for the robot.
         """
@@ -91,6 +103,15 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.episodes.reset([0], [self.np_random], asked)
         observation, _, _, infos = self.episodes.look()
         return first(observation), first_info(infos)
+
+    def randomise(self, ranges: Mapping[str, tuple[float, float]]) -> None:
+        """Other ranges of ``randomise``, from the next reset on, as a curriculum has them; ranges of other names stay.
+
+        Raises:
+            InputError: For ends that make no range, on a rig, and for values that the task cannot have.
+            ParameterError: For names that the robot does not have.
+        """
+        self.episodes.randomise(ranges)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Takes a step."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ class RigWorld(World):
             raise InputError("`dynamics` and `randomise` are of simulated robots; expected neither with a rig")
         if settings.scene is not None:
             raise InputError("`scene` is of simulated robots; expected none with a rig")
+        if settings.observe_tensions or settings.tension_range is not None:
+            raise InputError("`observe_tensions` and `tension_range` are of simulated robots; expected neither with a rig")
         if settings.observation == "state":
             raise InputError("observation is 'state', which a rig does not see; expected 'tip' or 'cloud'")
         super().__init__(1, settings)
@@ -46,18 +49,21 @@ class RigWorld(World):
         """A command that the rig's settings allow."""
         return self.rig.draw(int(rng.integers(2**63)))
 
-    def begin(self) -> None:
+    def begin(self, rows: Sequence[int]) -> None:
         """Brings the robot home."""
         self.rig.engage()
         self.rig.go_home()
         self._look()
+        super().begin(rows)
 
     def drive(self, actions: Any) -> Bools:
         """Moves the robot by an action, shape (1, tendons), unless its tendons would not survive that."""
-        commands = self._driven(actions)
+        before, commands = self.commands, self._driven(actions)
         if self._allowed(commands[0]):
             self.rig.move_to(commands[0])
         self._look()
+        self.changes = (self.commands - before) / np.where(self._change > 0.0, self._change, 1.0)
+        self.steps += 1
         return np.zeros(1, dtype=np.bool_)
 
     def observe(self, extra: int = 0) -> Observed:
@@ -115,10 +121,14 @@ class RigWorld(World):
         return held and self.rig.within_limits(command)
 
 
-def world(count: int, settings: Settings) -> World:
-    """The world of environments: simulated, or a rig."""
+def world(count: int, settings: Settings, of_task: Sequence[str], insertion: float | None, in_scenes: bool) -> World:
+    """The world of environments: simulated, or a rig; :class:`World` has the arguments."""
     if settings.rig is None:
-        return World(count, settings)
+        return World(count, settings, of_task, insertion, in_scenes)
+    if insertion is not None or in_scenes:
+        raise InputError(
+            "a rig's base and surroundings stay as they are; expected a task of reaching, without obstacles of its own"
+        )
     rig = settings.rig if isinstance(settings.rig, Rig) else Rig(settings.rig)
     tendons = Robot(settings.robot).tendons
     if rig.robot.tendons != tendons:

@@ -20,6 +20,9 @@ Rngs = Sequence[np.random.Generator]
 Infos = dict[str, NDArray[Any]]
 """What is told besides, by name: one entry for each row."""
 
+Terms = dict[str, Floats]
+"""Terms of the reward by name, before they are weighted, shape (count,) each."""
+
 _TOLERANCE = 0.05
 """Distance that counts as success, in lengths of the robot, where none is given."""
 _PATHS = 100
@@ -32,15 +35,22 @@ class Task:
     Attributes:
         goal_based: Whether observations are dictionaries with ``achieved_goal`` and ``desired_goal``, which then are tips.
         measurable: Whether it asks for nothing but what a rig's cameras tell: the tip.
-        payload: Range of the payload (kg) where ``randomise`` has none.
-        options: Names of what ``reset(options=...)`` may ask for, which :meth:`asked` reads.
+        ranges: Ranges where ``randomise`` has none: of the names that simulated worlds know, and of others, which are the task's
+            own and are drawn into ``world.draws.values``.
+        insertion: How far bases are inserted along their axes, in lengths of the robot, where they move.
+        in_scenes: Whether it puts obstacles around each row, by ``world.surround``.
+        terms: Names of the reward's terms.
+        options: Names of what ``reset(options=...)`` may ask for besides what all tasks take, which :meth:`asked` reads.
         width: Entries of the goal in an observation.
         tolerance: Distance that counts as success (m).
     """
 
     goal_based: ClassVar[bool] = False
     measurable: ClassVar[bool] = False
-    payload: ClassVar[tuple[float, float] | None] = None
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    insertion: ClassVar[float | None] = None
+    in_scenes: ClassVar[bool] = False
+    terms: ClassVar[tuple[str, ...]] = ("task",)
     options: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, world: World, width: int) -> None:
@@ -53,13 +63,20 @@ class Task:
         """Largest absolute value of each entry of the goal, shape (width,)."""
         return np.full(self.width, 2.0, dtype=np.float32)
 
+    def check_ranges(self) -> None:
+        """Refuses ranges of ``randomise`` that the task cannot have, by an :class:`~tdcr.errors.InputError`."""
+
+    def parts(self) -> dict[str, slice]:
+        """Where parts of the goal are in it, by names for ``layout``."""
+        return {}
+
     def draw(self, rows: Sequence[int], rngs: Rngs) -> None:
         """Draws what is asked of some rows from now on, each from its generator alone. They are settled anew afterwards."""
         raise NotImplementedError
 
     def asked(self, options: Mapping[str, Any]) -> Observed | None:
-        """Goals that the options of a reset ask for, shape (count, width), as they are observed, in place of those that are
-        drawn; ``None`` where they ask for none."""
+        """First entries of goals that the options of a reset ask for, shape (count, entries), as they are observed, in place of
+        those that are drawn; ``None`` where they ask for none."""
         return None
 
     def start(self, rows: Sequence[int], rngs: Rngs) -> None:
@@ -70,8 +87,8 @@ class Task:
         """What is asked of each row after ``steps``, shape (count, width), as it is observed."""
         return self.goal
 
-    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats, Infos]:
-        """Rewards, shape (count,), and what is told besides: ``distance`` (m) and ``is_success`` at least."""
+    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
+        """Rewards, shape (count,), or their terms, and what is told besides: ``distance`` (m) and ``is_success`` at least."""
         raise NotImplementedError
 
     def targets(self, row: int, step: int) -> Floats:
@@ -83,7 +100,7 @@ class Task:
         return {"distance": distance, "is_success": distance < self.tolerance}
 
 
-def _norms(vectors: NDArray[Any]) -> Floats:
+def norms(vectors: NDArray[Any]) -> Floats:
     """Lengths of vectors along the last axis."""
     wide = np.asarray(vectors, dtype=np.float64)
     norms: Floats = np.sqrt(np.einsum("...i,...i->...", wide, wide))
@@ -99,6 +116,7 @@ class Reach(Task):
 
     measurable = True
     options = ("goal",)
+    terms = ("distance",)
 
     def __init__(self, world: World) -> None:
         super().__init__(world, 3)
@@ -111,7 +129,7 @@ class Reach(Task):
     def asked(self, options: Mapping[str, Any]) -> Observed | None:
         if "goal" not in options:
             return None
-        world, bounds = self.world, self.bounds()
+        world, bounds = self.world, self.bounds()[:3]
         given = as_array(options["goal"], "options['goal']")
         goals = as_float(given, "options['goal']", (3,) if given.ndim == 1 else (world.count, 3))
         places = world.scaled(np.broadcast_to(goals, (world.count, 3)))
@@ -124,15 +142,16 @@ class Reach(Task):
             )
         return places.astype(np.float32)
 
-    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats, Infos]:
-        apart = _norms(self.world.tips(observed) - goals)
-        return -apart, self.told(apart * self.world.length)
+    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
+        apart = norms(self.world.tips(observed) - goals[:, :3])
+        return {"distance": -apart}, self.told(apart * self.world.length)
 
 
 class ReachGoal(Reach):
     """The tip to a point, with the goal beside what is achieved. The reward is 0 within the tolerance, and else -1."""
 
     goal_based = True
+    terms = ("goal",)
 
     def compute_reward(self, achieved: Any, desired: Any, info: Any = None) -> Floats:
         """Reward for having achieved a goal, for any number of leading axes: shapes (..., 3) in, (...) out."""
@@ -140,11 +159,11 @@ class ReachGoal(Reach):
 
     def distance(self, achieved: Any, desired: Any) -> Floats:
         """Distance (m) between goals."""
-        return _norms(np.asarray(achieved) - np.asarray(desired)) * self.world.length
+        return norms(np.asarray(achieved) - np.asarray(desired)) * self.world.length
 
-    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats, Infos]:
+    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
         tips = self.world.tips(observed)
-        return self.compute_reward(tips, goals), self.told(self.distance(tips, goals))
+        return {"goal": self.compute_reward(tips, goals)}, self.told(self.distance(tips, goals))
 
 
 class ReachGoalDense(ReachGoal):
@@ -157,7 +176,7 @@ class ReachGoalDense(ReachGoal):
 class Payload(Reach):
     """The tip to a point while an unknown payload hangs from it, which is told but not observed."""
 
-    payload = (0.0, 0.03)
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = {"payload": (0.0, 0.03)}
 
     def told(self, distance: Floats) -> Infos:
         return {**super().told(distance), "payload": self.world.payloads.copy()}
@@ -170,6 +189,8 @@ class Shape(Task):
     their orientations (in half turns). Clouds are by minus the distance ``sqrt(CD / 2)`` in lengths of the robot, with the
     Chamfer distance ``CD`` (m²).
     """
+
+    terms = ("distance", "angle")
 
     def __init__(self, world: World, target: str = "poses") -> None:
         if target not in ("poses", "cloud"):
@@ -195,19 +216,19 @@ class Shape(Task):
         self.goal[rows, :places] = world.scaled(world.simulation.positions()[rows]).reshape(len(rows), -1)
         self.goal[rows, places:] = world.simulation.quaternions()[rows].reshape(len(rows), -1)
 
-    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats, Infos]:
+    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
         world = self.world
         if self.of_clouds:
             chamfer = _tdcr.chamfer_rows(world.clouds(), self._clouds)
             distance = np.sqrt(0.5 * chamfer)
-            return -distance / world.length, {**self.told(distance), "chamfer": chamfer}
+            return {"distance": -distance / world.length}, {**self.told(distance), "chamfer": chamfer}
         places, turns = np.split(goals, [3 * self._discs], axis=1)
         apart = world.scaled(world.simulation.positions()) - places.reshape(world.count, -1, 3)
         # The angle between two orientations is twice that between their quaternions, of whichever sign.
         cosines = np.einsum("...i,...i->...", world.simulation.quaternions(), turns.reshape(world.count, -1, 4))
         angle = (2.0 * np.arccos(np.minimum(np.abs(cosines), 1.0))).mean(axis=1)
-        shares = _norms(apart).mean(axis=1)
-        return -shares - angle / np.pi, {**self.told(shares * world.length), "angle": angle}
+        shares = norms(apart).mean(axis=1)
+        return {"distance": -shares, "angle": -angle / np.pi}, {**self.told(shares * world.length), "angle": angle}
 
     def targets(self, row: int, step: int) -> Floats:
         if self.of_clouds:
@@ -221,6 +242,8 @@ class Track(Task):
     The path of commands is ``(1/3) sum_i (1 + cos(2 pi (s - i/3))) c_i`` of three random commands. The next ``preview``
     points of the tip are observed; the reward is minus the distance to the first of them, in lengths of the robot.
     """
+
+    terms = ("distance",)
 
     def __init__(self, world: World, preview: int = 4) -> None:
         self.preview = as_count(preview, "preview", 1, 1000)
@@ -236,7 +259,7 @@ class Track(Task):
         for row, rng in zip(rows, rngs, strict=True):
             for _ in range(_PATHS):
                 path = world.clip(self._shares @ np.stack([world.draw_command(rng) for _ in range(3)]))
-                settled = follow(world.robot_of(row), path, payload=world.payloads[row], scene=world.settings.scene)
+                settled = follow(world.robot_of(row), path, payload=world.payloads[row], scene=world.scene_of(row))
                 if settled.converged.all():
                     break
             else:
@@ -255,21 +278,10 @@ class Track(Task):
         points: Observed = self._path[np.arange(self.world.count)[:, None], ahead % (self._points - 1)]
         return points.reshape(self.world.count, -1)
 
-    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats, Infos]:
-        apart = _norms(self.world.tips(observed) - goals[:, :3])
-        return -apart, self.told(apart * self.world.length)
+    def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
+        apart = norms(self.world.tips(observed) - goals[:, :3])
+        return {"distance": -apart}, self.told(apart * self.world.length)
 
     def targets(self, row: int, step: int) -> Floats:
         ahead = (step + np.arange(self.preview)) % (self._points - 1)
         return self.world.unscaled(self._path[row, ahead])
-
-
-TASKS: dict[str, type[Task]] = {
-    "reach": Reach,
-    "reach_goal": ReachGoal,
-    "reach_goal_dense": ReachGoalDense,
-    "shape": Shape,
-    "payload": Payload,
-    "track": Track,
-}
-"""Tasks by name."""

@@ -92,8 +92,8 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
 
         Args:
             seed: Environment ``i`` is seeded by ``seed + i``, or by its entry of a list; without, generators go on.
-            options: ``"reset_mask"``, flags of shape (num_envs,): only these are reset. Of tasks of reaching ``"goal"``: the
-                point that is asked for, world frame, shape (3,) for all or (num_envs, 3) (m).
+            options: ``"reset_mask"``, flags of shape (num_envs,): only these are reset. The others as of
+                :meth:`tdcr.envs.TendonRobotEnv.reset`, one for all or with an axis of (num_envs,) before.
 
         Raises:
             InputError: For options that the task does not take, and seeds that do not fit.
@@ -117,6 +117,10 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
         self._ended[rows] = False
         observation, _, _, infos = self.episodes.look()
         return observation, _told(infos, mask)
+
+    def randomise(self, ranges: Mapping[str, tuple[float, float]]) -> None:
+        """As :meth:`tdcr.envs.TendonRobotEnv.randomise`, for all environments."""
+        self.episodes.randomise(ranges)
 
     def _reset(self, rows: Rows, options: Mapping[str, Any] | None = None) -> None:
         chosen = rows.tolist()

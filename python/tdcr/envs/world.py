@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, as_count, as_number
+from tdcr.envs.draws import Draws
 from tdcr.errors import InputError, NotSettledError
 from tdcr.robot import Robot
-from tdcr.scene import Scene, as_scene
+from tdcr.scene import Scene, as_scene, nothing
 
 if TYPE_CHECKING:
     from tdcr.rig import Rig
@@ -26,9 +27,10 @@ Bools = NDArray[np.bool_]
 """Flags."""
 
 OBSERVATIONS = ("state", "tip", "cloud")
+ACTIONS = ("increment", "absolute")
 _ATTEMPTS = 100
 """Commands that are drawn for a robot until one settles."""
-_LARGEST_PLACE, _LARGEST_RATE, _LARGEST_VELOCITY = 2.0, 50.0, 20.0
+_LARGEST_PLACE, _LARGEST_RATE, _LARGEST_VELOCITY, _LARGEST_TENSION = 2.0, 50.0, 20.0, 1000.0
 """Bounds of what is observed, as `python/src/env/row.rs` has them."""
 
 
@@ -49,10 +51,17 @@ class Settings:
     rig: str | os.PathLike[str] | Rig | None = None
     scene: Scene | None = None
     contact_cost: float = 0.0
+    action: Literal["increment", "absolute"] = "increment"
+    tension_range: tuple[float, float] | None = None
+    observe_tensions: bool = False
+    weights: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.observation not in OBSERVATIONS:
-            raise InputError(f"observation is {self.observation!r}; expected one of {', '.join(OBSERVATIONS)}")
+        for name, value, known in (("observation", self.observation, OBSERVATIONS), ("action", self.action, ACTIONS)):
+            if value not in known:
+                raise InputError(f"{name} is {value!r}; expected one of {', '.join(known)}")
+        if self.observe_tensions and self.observation == "cloud":
+            raise InputError("observe_tensions is of the observations 'state' and 'tip'; expected one of these, or False")
         as_count(self.frame_skip, "frame_skip", 1, 10**6)
         as_count(self.episode_length, "episode_length", 1, 10**9)
         as_count(self.points, "points", 1, 10**5)
@@ -64,8 +73,10 @@ class Settings:
             as_scene(self.scene)
         if not as_number(self.contact_cost, "contact_cost") >= 0.0:
             raise InputError(f"contact_cost is {self.contact_cost}; expected a number of 0 or more")
-        if self.contact_cost and self.scene is None:
-            raise InputError(f"contact_cost is {self.contact_cost} without a scene; expected `scene`, or 0")
+        if not isinstance(self.weights, Mapping):
+            raise InputError(f"weights is {self.weights!r}; expected a dictionary from terms of the reward to numbers")
+        for name, weight in self.weights.items():
+            as_number(weight, f"weights[{name!r}]")
 
     @property
     def render_fps(self) -> float:
@@ -87,25 +98,49 @@ class World:
         robot: The robot that is not randomised.
         length: Length of its backbone (m), in which places are observed.
         origin: Its base (m), from which they are observed.
-        payloads: Payload of each row (kg), shape (count,).
+        axis: Direction of its straight backbone, a unit vector in world axes.
+        draws: What each reset draws.
+        commands: Of each row, shape (count, entries): of its tendons (m or N), then of a base that moves, its insertion (m).
+        changes: By how much they changed in the last step, in shares of what they may, shape (count, entries).
+        steps: Steps since the last reset, shape (count,).
         layout: Where each quantity is in an observation, by name.
         low, high: Bounds of an observation.
     """
 
-    def __init__(self, count: int, settings: Settings) -> None:
+    def __init__(
+        self,
+        count: int,
+        settings: Settings,
+        of_task: Sequence[str] = (),
+        insertion: float | None = None,
+        in_scenes: bool = False,
+    ) -> None:
+        """Robots with ranges that a task has besides, whose bases are inserted by up to ``insertion`` of their lengths, each in a
+        scene of its own where they are ``in_scenes``."""
+        if insertion is not None and settings.dynamics:
+            raise InputError("the task moves the base, which stands while a robot moves in time; expected dynamics=False")
         self.count, self.settings = count, settings
-        self.robot = robot = Robot(settings.robot)
+        self.robot = robot = _driven_by_tension(Robot(settings.robot), settings.tension_range)
         self.origin: Floats = np.asarray(robot.to_dict()["base"].get("position", [0.0] * 3), dtype=np.float64)
         joints = np.vstack([self.origin, robot.straight_positions])
         self.length = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
-        self.ranges = _ranges(robot, settings.randomise)
-        self.payloads: Floats = np.zeros(count)
+        self.axis: Floats = (joints[-1] - joints[0]) / np.linalg.norm(joints[-1] - joints[0])
+        self.draws = Draws(count, robot, settings.randomise, of_task)
+        self.insertion = None if insertion is None else insertion * self.length
         self._robots = [robot] * count
-        self._low, self._high = np.ascontiguousarray(robot.command_ranges.T)
+        self._scenes: list[Scene | None] = [settings.scene] * count
+        self._touches = in_scenes or settings.scene is not None
+        ranges = [*robot.command_ranges, *([] if self.insertion is None else [(0.0, self.insertion)])]
+        self._low, self._high = np.ascontiguousarray(np.asarray(ranges).T)
         self._change = settings.rate * (self._high - self._low)
-        self.commands: Floats = np.tile(robot.mean_command, (count, 1))
+        self._middle: Floats = np.concatenate([robot.mean_command, np.zeros(len(ranges) - robot.tendons)])
+        self.commands: Floats = np.tile(self._middle, (count, 1))
+        self.changes: Floats = np.zeros_like(self.commands)
+        self.steps: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+        # Actions of the last steps, the newest first.
+        self._late: Floats = np.zeros((count, 0, len(ranges)))
         self.simulation = self._simulate()
-        self.layout, bounds = _layout(robot, settings)
+        self.layout, bounds = _layout(robot, settings, self.insertion is not None)
         self.width = len(bounds)
         self.high: Observed = np.asarray(bounds, dtype=np.float32)
         self.low: Observed = -self.high
@@ -114,13 +149,15 @@ class World:
 
     def _simulate(self) -> _tdcr.BatchSimulation:
         settings = self.settings
+        scenes = [(nothing() if scene is None else scene)._native for scene in self._scenes]
         return _tdcr.BatchSimulation(
             [robot._native for robot in self._robots],
             settings.timestep if settings.dynamics else None,
             settings.frame_skip,
             tuple(self.origin.tolist()),
             self.length,
-            None if settings.scene is None else settings.scene._native,
+            scenes if self._touches else None,
+            None if self.insertion is None else (0.0, self.insertion),
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -134,17 +171,34 @@ class World:
 
     @property
     def tendons(self) -> int:
-        """Number of tendons: entries of an action."""
+        """Number of tendons."""
         return self.robot.tendons
+
+    @property
+    def entries(self) -> int:
+        """Entries of an action: of the tendons, and of a base that moves."""
+        return len(self._low)
+
+    @property
+    def payloads(self) -> Floats:
+        """Payload of each row (kg), shape (count,)."""
+        return self.draws.values["payload"]
 
     def randomise(self, rows: Sequence[int], rngs: Sequence[np.random.Generator]) -> None:
         """Draws parameters for some rows, which must then be settled; the draws of a row are of its generator alone."""
         for row, rng in zip(rows, rngs, strict=True):
-            values = {name: float(rng.uniform(low, high)) for name, (low, high) in self.ranges.items()}
-            self.payloads[row] = values.pop("payload", 0.0)
-            if values:
+            if values := self.draws.draw(row, rng):
                 self._robots[row] = self.robot.with_values(values)
                 self.simulation.set_robot(row, self._robots[row]._native)
+
+    def surround(self, row: int, scene: Scene) -> None:
+        """Puts the obstacles of a scene around a row, in place of those of before. It must then be settled."""
+        self._scenes[row] = scene
+        self.simulation.set_scene(row, scene._native)
+
+    def scene_of(self, row: int) -> Scene | None:
+        """The obstacles around a row."""
+        return self._scenes[row]
 
     def robot_of(self, row: int) -> Robot:
         """The robot of a row, with the parameters that were drawn for it."""
@@ -152,7 +206,7 @@ class World:
 
     def draw_command(self, rng: np.random.Generator) -> Floats:
         """A command, uniform in the box of the tendons' ranges."""
-        command: Floats = self._low + (self._high - self._low) * rng.random(self.tendons)
+        command: Floats = self._low + (self._high - self._low) * rng.random(self.entries)
         return command
 
     def clip(self, commands: Floats) -> Floats:
@@ -185,33 +239,68 @@ class World:
         self.commands[rows] = commands
         return self.simulation.reset(rows, commands, self.payloads[rows])
 
-    def begin(self) -> None:
-        """Is called where episodes begin, after robots have settled where they start."""
+    def settle_in_the_middle(self, rows: Sequence[int]) -> None:
+        """Lets some rows settle in the middle of their tendons' ranges, their bases where their files have them.
+
+        Raises:
+            NotSettledError: If one does not.
+        """
+        rows = list(rows)
+        if self.settle(rows, np.tile(self._middle, (len(rows), 1))).any():
+            raise NotSettledError(f"robot {self.robot.name!r} does not settle in the middle of its tendons' ranges")
+
+    def begin(self, rows: Sequence[int]) -> None:
+        """Is called where episodes of some rows begin, after robots have settled where they start."""
+        rows = list(rows)
+        self.steps[rows] = 0
+        self.changes[rows] = 0.0
+        longest = self.draws.longest_delay
+        if self._late.shape[1] < longest:
+            more = np.zeros((self.count, longest - self._late.shape[1], self.entries))
+            self._late = np.concatenate([self._late, more], axis=1)
+        # Until an action arrives commands stay what they are.
+        staying = 0.0 if self.settings.action == "increment" else self._shares()[rows][:, None]
+        self._late[rows] = staying
 
     def drive(self, actions: Any) -> Bools:
-        """Advances all rows by actions, shape (count, tendons); returns which have failed."""
+        """Advances all rows by actions, shape (count, entries); returns which have failed."""
         commands = self._driven(actions)
-        failed = self.simulation.advance(commands)
+        failed = self.simulation.advance(commands, None, self.draws.forces(self.steps))
+        self.changes = (commands - self.commands) / np.where(self._change > 0.0, self._change, 1.0)
         self.commands, self._clouds = commands, None
+        self.steps += 1
         return failed
 
     def _driven(self, actions: Any) -> Floats:
-        """The commands that actions, shape (count, tendons), lead to."""
+        """The commands that actions, shape (count, entries), lead to."""
         actions = np.asarray(actions, dtype=np.float64)
         if actions.shape != self.commands.shape:
             raise InputError(f"the actions have shape {actions.shape}; expected {self.commands.shape}")
-        commands = np.minimum(np.maximum(actions, -1.0), 1.0)
-        commands *= self._change
+        actions = self._delayed(np.minimum(np.maximum(actions, -1.0), 1.0))
+        if self.settings.action == "increment":
+            commands = self._change * actions
+        else:
+            asked = self._low + 0.5 * (actions + 1.0) * (self._high - self._low)
+            commands = np.minimum(np.maximum(asked - self.commands, -self._change), self._change)
         commands += self.commands
         return self.clip(commands)
+
+    def _delayed(self, actions: Floats) -> Floats:
+        """The actions that arrive now."""
+        if not self._late.shape[1]:
+            return actions
+        past = np.concatenate([actions[:, None], self._late], axis=1)
+        self._late = past[:, :-1].copy()
+        arrived: Floats = past[np.arange(self.count), self.draws.values["delay"].astype(np.int64)]
+        return arrived
 
     def observe(self, extra: int = 0) -> Observed:
         """A new array of observations, shape (count, width + extra); what is extra is not set."""
         observed: Observed = np.empty((self.count, self.width + extra), dtype=np.float32)
         if self.settings.observation != "cloud":
-            self.simulation.observe(observed, self._whole)
+            self.simulation.observe(observed, self._whole, self.settings.observe_tensions)
             return observed
-        observed[:, : self.tendons] = self._shares()
+        observed[:, : self.entries] = self._shares()
         self._put_clouds(observed)
         return observed
 
@@ -221,9 +310,16 @@ class World:
         shares: Floats = 2.0 * (self.commands - self._low) / span - 1.0
         return shares
 
+    def blur(self, observed: Observed) -> None:
+        """Adds noise to what is measured of the rows, all but commands, in place."""
+        measured = slice(self.entries, self.width)
+        if self.draws.values["noise"].any():
+            self.draws.add_noise(observed[:, measured], self.steps)
+            np.clip(observed[:, measured], self.low[measured], self.high[measured], out=observed[:, measured])
+
     def _put_clouds(self, observed: Observed) -> None:
         places = self.scaled(self.clouds()).reshape(self.count, -1)
-        observed[:, self.tendons : self.width] = np.clip(places, -_LARGEST_PLACE, _LARGEST_PLACE)
+        observed[:, self.entries : self.width] = np.clip(places, -_LARGEST_PLACE, _LARGEST_PLACE)
 
     def scaled(self, positions: NDArray[Any]) -> NDArray[Any]:
         """Positions (m), last axis of 3, as they are observed: from the base, in lengths of the robot."""
@@ -243,7 +339,7 @@ class World:
 
     def touch(self) -> dict[str, NDArray[Any]]:
         """What the robots touch in a scene, by name, as :class:`tdcr.envs.TendonRobotEnv` has it; nothing without a scene."""
-        if self.settings.scene is None:
+        if not self._touches:
             return {}
         return dict(zip(("contacts", "contact_max", "contact_force", "disc_forces"), self.simulation.touch(), strict=True))
 
@@ -265,31 +361,34 @@ class World:
         """Lets go of what the world drives."""
 
 
-def _ranges(robot: Robot, randomise: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """Checked ranges of parameters: names that the robot has, and values that it can take."""
-    ranges = {}
-    for name, ends in randomise.items():
-        try:
-            low, high = (as_number(end, f"randomise[{name!r}]") for end in ends)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"randomise[{name!r}] is {ends!r}; expected (low, high): {error}") from None
-        if not low <= high:
-            raise InputError(f"randomise[{name!r}] is ({low}, {high}); expected low <= high")
-        least, _ = _tdcr.parameter_bounds(name)
-        if low < least:
-            raise InputError(f"randomise[{name!r}] is ({low}, {high}); expected values of {least:g} or more")
-        if name != "payload":
-            for end in (low, high):
-                robot.with_values({name: end})
-        ranges[name] = (low, high)
-    robot.check_parameters([name for name in ranges if name != "payload"])
-    return ranges
+def _driven_by_tension(robot: Robot, tension_range: tuple[float, float] | None) -> Robot:
+    """The robot, or the same with all tendons driven by tensions of a range (N)."""
+    if tension_range is None:
+        return robot
+    try:
+        low, high = (as_number(end, "tension_range") for end in tension_range)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"tension_range is {tension_range!r}; expected (low, high) (N): {error}") from None
+    if not 0.0 <= low < high:
+        raise InputError(f"tension_range is ({low}, {high}); expected 0 <= low < high (N)")
+
+    def driven(part: Any) -> Any:
+        if isinstance(part, list):
+            return [driven(one) for one in part]
+        if not isinstance(part, dict):
+            return part
+        if "drive" in part and "range" in part:
+            return {**part, "drive": "tension", "range": [low, high]}
+        return {name: driven(one) for name, one in part.items()}
+
+    return Robot(driven(robot.to_dict()))
 
 
-def _layout(robot: Robot, settings: Settings) -> tuple[dict[str, slice], list[float]]:
+def _layout(robot: Robot, settings: Settings, moves_base: bool) -> tuple[dict[str, slice], list[float]]:
     """Where each quantity is in an observation, and the largest absolute value of each entry."""
     discs, moves = robot.discs, settings.dynamics
     parts = [("command", robot.tendons, 1.0)]
+    parts += [("insertion", 1, 1.0)] if moves_base else []
     if settings.observation == "state":
         parts += [("positions", 3 * discs, _LARGEST_PLACE), ("quaternions", 4 * discs, 1.0)]
         parts += [("rates", 3 * discs, _LARGEST_RATE)] if moves else []
@@ -298,6 +397,7 @@ def _layout(robot: Robot, settings: Settings) -> tuple[dict[str, slice], list[fl
         parts += [("velocity", 3, _LARGEST_VELOCITY)] if moves else []
     else:
         parts += [("cloud", 3 * settings.points, _LARGEST_PLACE)]
+    parts += [("tensions", robot.tendons, _LARGEST_TENSION)] if settings.observe_tensions else []
     layout, bounds = {}, list[float]()
     for name, width, largest in parts:
         layout[name] = slice(len(bounds), len(bounds) + width)

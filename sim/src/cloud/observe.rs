@@ -43,8 +43,13 @@ impl Observer {
     /// left out of the clouds, which show the robot.
     #[must_use]
     pub fn among(mut self, scene: &Scene) -> Self {
-        self.scene = scene.clone();
+        self.surround(scene);
         self
+    }
+
+    /// Puts other obstacles around the robot, as [`among`](Self::among).
+    pub fn surround(&mut self, scene: &Scene) {
+        self.scene = scene.clone();
     }
 
     /// Moves the pixels of each camera, and the voxels, by a random part of one, as `rng` says: what it sees of an

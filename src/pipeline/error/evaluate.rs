@@ -1,6 +1,6 @@
 //! Why a predictor was not scored.
 
-use tdcr_learn::data::PayloadRange;
+use tdcr_learn::data::{ObstacleVariation, PayloadRange};
 use tdcr_sim::render::BaseVisibility;
 use thiserror::Error;
 
@@ -36,6 +36,14 @@ pub enum EvalError {
         model: usize,
         /// Number of those around the data set's.
         data: usize,
+    },
+    /// Obstacles are moved for each sample, of the model and the data set by other amounts, or of one alone.
+    #[error("the model was trained {}, the data set was made {}", with_obstacles(.model), with_obstacles(.data))]
+    OtherObstacles {
+        /// How far the model's obstacles are moved.
+        model: Option<ObstacleVariation>,
+        /// How far the data set's are.
+        data: Option<ObstacleVariation>,
     },
     /// The model was trained with payloads and the data set has none, or the reverse, or heavier or lighter ones.
     #[error("the model was trained {}, the data set was made {}", with_payload(.model), with_payload(.data))]
@@ -112,6 +120,12 @@ fn with_base(base: &BaseVisibility) -> &'static str {
         BaseVisibility::Shown => "with the base",
         BaseVisibility::Hidden => "without the base",
     }
+}
+
+fn with_obstacles(obstacles: &Option<ObstacleVariation>) -> String {
+    obstacles.map_or("with obstacles that stand".to_owned(), |variation| {
+        format!("with obstacles that are moved by up to {variation}")
+    })
 }
 
 fn with_payload(payload: &Option<PayloadRange>) -> String {

@@ -260,6 +260,7 @@ impl TrainedModel {
             base,
             payload,
             scene,
+            obstacles,
         } = &self.subject;
         let base = match base {
             BaseVisibility::Shown => "with its base",
@@ -272,7 +273,8 @@ impl TrainedModel {
             0 => String::new(),
             count => format!(", among {}", counted(count, "obstacle")),
         };
-        format!("robot {} {base}, {payload}{scene}", robot.name)
+        let moved = obstacles.map_or_else(String::new, |by| format!(" moved by up to {by}"));
+        format!("robot {} {base}, {payload}{scene}{moved}", robot.name)
     }
 
     /// The model in a file, and the validations in the log beside it.

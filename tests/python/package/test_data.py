@@ -252,3 +252,34 @@ def test_clouds_are_exported_and_imported_as_by_the_command_line(dataset: tdcr.D
     (folder / "others/points.xyz").write_text("1 2 3")
     with pytest.raises(DataError, match="there is no cloud to import; its files end in .xyz"):
         tdcr.import_clouds(folder / "others", folder / "empty")
+
+
+def test_obstacles_that_are_moved_for_each_sample_are_part_of_its_condition(tmp_path: Path) -> None:
+    post = tdcr.Obstacle.cylinder("post", 0.01, 0.4, position=(-0.06, 0.0, 0.25))
+    scene = tdcr.Scene([tdcr.Obstacle.half_space("floor"), post])
+    made = tdcr.collect(
+        "2m", tmp_path / "set", samples=12, points=300, scene=scene, vary_obstacles=(0.02, 0.3), payload=(0.0, 0.02)
+    )
+    assert made is not None and made.condition_width == 6 + 6 + 1
+    assert made.vary_obstacles == pytest.approx((0.02, 0.3)) and made.payload == pytest.approx((0.0, 0.02))
+    assert made.condition_units == ("m",) * 6 + ("m",) * 3 + ("rad",) * 3 + ("kg",)
+    touching = 0
+    for sample in made.train:
+        command, shift, payload = sample.condition[:6], sample.condition[6:9], sample.condition[12]
+        assert np.abs(shift).max() <= 0.02 and np.abs(sample.condition[9:12]).max() <= 0.3
+        turn = sample.condition[9:12].astype(np.float64)
+        angle = np.linalg.norm(turn)
+        quaternion = [np.cos(angle / 2.0), *(np.sin(angle / 2.0) * turn / angle)]
+        moved = scene.moved("post", np.add((-0.06, 0.0, 0.25), shift), quaternion)
+        settled = tdcr.settle("2m", np.clip(command.astype(np.float64), 0.0, 0.04), float(payload), scene=moved)
+        touching += bool(settled.contacts is not None and len(settled.contacts.gap))
+        # Points of the cloud are on the robot as it settles there.
+        apart = np.linalg.norm(sample.points[:, None] - settled.positions[None], axis=2).min(axis=1)
+        assert apart.max() < 0.0235
+    assert touching > 0
+    stream = tdcr.Stream("2m", scene=scene, vary_obstacles=0.02, points=200)
+    assert next(stream).condition.shape == (9,) and stream.normalisation.condition_max.tolist()[6:] == [0.02] * 3
+    with pytest.raises(InputError, match="vary_obstacles is 0.02 without obstacles"):
+        tdcr.collect("2m", tmp_path / "none", samples=12, vary_obstacles=0.02)
+    with pytest.raises(InputError, match="a scene with an obstacle that is not a half space"):
+        tdcr.collect("2m", tmp_path / "none", samples=12, scene=tdcr.Scene(scene[:1]), vary_obstacles=0.02)

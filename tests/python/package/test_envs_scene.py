@@ -60,6 +60,7 @@ def test_what_is_told_and_rewarded_is_what_settle_finds(dynamics: bool) -> None:
     free, env = make(scene=SCENE, dynamics=dynamics), make(scene=SCENE, dynamics=dynamics, contact_cost=cost)
     touched = 0
     for (*without, told), (*within, same) in zip(episode(free), episode(env), strict=True):
+        assert same.pop("reward_contact") == -cost * told["contact_force"]
         assert data_equivalence(told, same, exact=True)
         if len(within) > 1:
             np.testing.assert_allclose(within[1], without[1] - cost * told["contact_force"], rtol=0, atol=1e-12)

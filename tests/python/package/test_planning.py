@@ -59,3 +59,40 @@ def test_a_deployment_keeps_the_tip_on_the_curve_and_the_body_near_it() -> None:
     np.testing.assert_allclose(np.linalg.norm(deployed.base_orientations, axis=1), 1.0)
     with pytest.raises(tdcr.errors.InputError, match="expected 0.1865 m at most"):
         tdcr.follow_the_leader(robot, 2.0 * curve)
+
+
+def test_plans_and_deployments_tell_how_far_they_are_and_stop_where_that_raises() -> None:
+    angles = np.linspace(0.0, 0.5, 21)
+    curve = 0.3 * np.stack([1.0 - np.cos(angles), 0.0 * angles, np.sin(angles)], axis=1)
+    robot = tdcr.Robot("examples/three-segments.toml")
+    told: list[int] = []
+    tdcr.follow_the_leader(robot, curve, stages=5, progress=told.append)
+    assert sum(told) == 18
+    told.clear()
+    plan = tdcr.plan(ROBOT, SCENE, from_=FROM, to=TO, progress=told.append)
+    assert 0 <= sum(told) <= plan.nodes
+
+    def stop(_: int) -> None:
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        tdcr.follow_the_leader(robot, curve, stages=400, progress=stop)
+
+
+def test_a_deployment_among_obstacles_bears_what_the_robot_settles_with_there() -> None:
+    angles = np.linspace(0.0, 0.8, 41)
+    curve = 0.2 * np.stack([1.0 - np.cos(angles), 0.0 * angles, np.sin(angles)], axis=1)
+    robot = tdcr.Robot("examples/three-segments.toml")
+    scene = tdcr.Scene([tdcr.Obstacle.sphere("ball", 0.02, position=(0.082, 0.0, 0.142))])
+    free = tdcr.follow_the_leader(robot, curve, stages=8)
+    among = tdcr.follow_the_leader(robot, curve, stages=8, scene=scene)
+    assert not free.contact_forces.any() and among.contact_forces[0] == 0.0 and among.contact_forces[-1] > 1e-3
+    there = robot.to_dict()
+    there["base"] |= {"position": among.base_positions[-1].tolist(), "orientation": among.base_orientations[-1].tolist()}
+    without = tdcr.settle(there, among.commands[-1])
+    settler = tdcr.Settler(tdcr.Robot(there), scene=scene)
+    found = settler.settle_from(without.configuration, among.commands[-1])
+    assert found.contacts is not None
+    np.testing.assert_allclose(found.positions, among.positions[-1], atol=1e-6)
+    force = np.linalg.norm(found.contacts.force, axis=1).sum()
+    np.testing.assert_allclose(force, among.contact_forces[-1], rtol=1e-3)

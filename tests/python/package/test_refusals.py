@@ -139,12 +139,14 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
                 "seed": 0,
                 "nodes": 10,
                 "seconds": 0.1,
+                "progress": None,
             },
         ),
         (lambda tip: tdcr.plan(ROBOT, SCENE, from_=COMMAND, tip=tip, nodes=10, seconds=0.1), {"tip": SETTLED.tip}),
         (
             tdcr.follow_the_leader,
-            {"robot": ROBOT, "curve": [[0, 0, 0], [0, 0, 0.1]], "base": "free", "stages": 2, "payload": None, "loads": None},
+            {"robot": ROBOT, "curve": [[0, 0, 0], [0, 0, 0.1]], "scene": None, "base": "free", "stages": 2}
+            | {"payload": None, "loads": None, "progress": None},
         ),
         (tdcr.FrictionPath, {"robot": ROBOT, "resolution": 0.02}),
         (path.start, {"command": COMMAND, "loads": None, "payload": None}),

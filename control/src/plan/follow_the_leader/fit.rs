@@ -3,8 +3,10 @@
 
 use nalgebra::{DMatrix, DVector, Isometry3, Translation3, UnitQuaternion, Vector3};
 use tdcr_sim::chain::Configuration;
+use tdcr_sim::contact::{Contact, ContactSettler};
 use tdcr_sim::robot::{Command, Loads, Robot};
-use tdcr_sim::statics::{Equilibrium, Settler};
+use tdcr_sim::scene::Scene;
+use tdcr_sim::statics::Equilibrium;
 
 use super::BaseMotion;
 use super::curve::Curve;
@@ -19,6 +21,10 @@ const STEPS: usize = 30;
 const IMPROVEMENT: f64 = 1e-4;
 /// Weight of the tip's distance from where it should be, on a carriage, beside those of other discs.
 const TIP: f64 = 10.0;
+/// How often a robot that touches obstacles is moved until its tip is where it should be: as its base moves, it settles otherwise.
+const MOVES: usize = 8;
+/// Distance of the tip from there that ends that, as a share of the backbone's length.
+const PLACED: f64 = 1e-7;
 
 /// Where a robot and its base are.
 #[derive(Clone, Debug)]
@@ -28,7 +34,9 @@ pub(super) struct Posed {
     pub base: Isometry3<f64>,
     /// With discs in the world.
     pub equilibrium: Equilibrium,
-    robot: Robot,
+    /// What the robot touches.
+    pub contacts: Vec<Contact>,
+    settler: ContactSettler,
 }
 
 impl Posed {
@@ -36,14 +44,15 @@ impl Posed {
     pub fn at_base(&self, robot: &Robot) -> Robot {
         let mut spec = robot.spec().clone();
         spec.base.position = self.base.translation.vector.into();
-        spec.base.orientation = self.robot.spec().base.orientation;
-        Robot::new(spec).unwrap_or_else(|_| self.robot.clone())
+        spec.base.orientation = self.settler.robot().spec().base.orientation;
+        Robot::new(spec).unwrap_or_else(|_| self.settler.robot().clone())
     }
 }
 
 /// A robot that is laid on curves.
 pub(super) struct Fitter<'a> {
     robot: &'a Robot,
+    scene: &'a Scene,
     loads: &'a Loads,
     motion: BaseMotion,
     /// Arc length of each disc from the base (m); the last is that of the backbone.
@@ -57,9 +66,10 @@ struct Expansion {
 }
 
 impl<'a> Fitter<'a> {
-    pub fn new(robot: &'a Robot, loads: &'a Loads, motion: BaseMotion) -> Self {
+    pub fn new(robot: &'a Robot, scene: &'a Scene, loads: &'a Loads, motion: BaseMotion) -> Self {
         Self {
             robot,
+            scene,
             loads,
             motion,
             arcs: robot.arc_lengths(),
@@ -72,7 +82,7 @@ impl<'a> Fitter<'a> {
     }
 
     /// Where the robot is under a command with its base in a pose, settled from a configuration near there or the straight pose; `None`
-    /// where it does not settle.
+    /// where it does not settle, or starts inside an obstacle.
     pub fn settle(
         &self,
         command: &Command,
@@ -84,17 +94,19 @@ impl<'a> Fitter<'a> {
         let q = base.rotation;
         spec.base.orientation = [q.w, q.i, q.j, q.k];
         let robot = Robot::new(spec).ok()?;
-        let mut settler = Settler::new(&robot);
+        let mut settler = ContactSettler::new(&robot, self.scene);
         let settled = match near {
             Some(near) => settler.settle_from(near, command, self.loads),
             None => settler.settle(command, self.loads),
         };
-        let equilibrium = settled.converged.then(|| settled.clone())?;
+        let settled = settled.ok()?;
+        let equilibrium = (settled.equilibrium.converged).then(|| settled.equilibrium.clone())?;
         Some(Posed {
             command: command.clone(),
             base,
+            contacts: settled.contacts.clone(),
             equilibrium,
-            robot,
+            settler,
         })
     }
 
@@ -102,7 +114,7 @@ impl<'a> Fitter<'a> {
     /// curve; else as near as can be to where it is.
     pub fn lay(&self, posed: &Posed, curve: &Curve, [end, on]: [f64; 2]) -> Option<Posed> {
         let before = posed;
-        let mut posed = self.with_tip_at(posed.clone(), curve.at(end));
+        let mut posed = self.with_tip_at(posed.clone(), curve.at(end))?;
         let mut expansion = self.expand(&posed, before, curve, [end, on])?;
         let mut damping = 1e-6;
         for _ in 0..STEPS {
@@ -111,7 +123,7 @@ impl<'a> Fitter<'a> {
                 break;
             };
             let tried = self.moved(&posed, &step).and_then(|tried| {
-                let tried = self.with_tip_at(tried, curve.at(end));
+                let tried = self.with_tip_at(tried, curve.at(end))?;
                 let expansion = self.expand(&tried, before, curve, [end, on])?;
                 Some((tried, expansion))
             });
@@ -131,15 +143,28 @@ impl<'a> Fitter<'a> {
         Some(posed)
     }
 
-    /// With a base that is free, the same moved so that its tip is at a point (m).
-    fn with_tip_at(&self, mut posed: Posed, tip: Vector3<f64>) -> Posed {
-        if self.motion == BaseMotion::Free {
+    /// With a base that is free, the same moved so that its tip is at a point (m): all of it alike, or among obstacles its base, until
+    /// it settles so. `None` where it does not settle.
+    fn with_tip_at(&self, mut posed: Posed, tip: Vector3<f64>) -> Option<Posed> {
+        if self.motion != BaseMotion::Free {
+            return Some(posed);
+        }
+        for _ in 0..MOVES {
             let places = &mut posed.equilibrium.positions;
             let shift = tip - places[places.len() - 1];
-            places.iter_mut().for_each(|place| *place += shift);
-            posed.base = Translation3::from(shift) * posed.base;
+            let base = Translation3::from(shift) * posed.base;
+            if self.scene.obstacles().is_empty() {
+                places.iter_mut().for_each(|place| *place += shift);
+                posed.base = base;
+                break;
+            }
+            if shift.norm() <= PLACED * self.length() {
+                break;
+            }
+            let near = &posed.equilibrium.configuration;
+            posed = self.settle(&posed.command, base, Some(near))?;
         }
-        posed
+        Some(posed)
     }
 
     /// Residuals (m) and their derivatives by the command's shares of its ranges and the base's motion.
@@ -151,11 +176,8 @@ impl<'a> Fitter<'a> {
         [end, on]: [f64; 2],
     ) -> Option<Expansion> {
         let found = &posed.equilibrium;
-        let sensitivity = posed
-            .robot
-            .sensitivity(&posed.command, self.loads, found)
-            .ok()?;
-        let by_command = sensitivity.command_jacobian();
+        let sensitivity = posed.settler.sensitivity(&posed.command, self.loads).ok()?;
+        let by_command = sensitivity.parameters().command_jacobian();
         let (discs, tendons) = (self.arcs.len(), by_command.ncols());
         let tip = discs - 1;
         let length = self.length();

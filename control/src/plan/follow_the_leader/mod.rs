@@ -3,7 +3,8 @@
 //! The base moves, on a carriage along the curve's first direction or freely as a manipulator carries it, and all tendons are commanded.
 //! The robot is first laid on the whole curve, which is bent from a straight line step by step, and then drawn back stage by stage: what it does
 //! in reverse order is the deployment. At each stage the discs that have passed the curve's start lie on it in the sense of least squares, with gravity and
-//! everything else that the robot's equilibrium has; those that have not are where they need not change.
+//! everything else that the robot's equilibrium has; those that have not are where they need not change. In a scene the robot may touch
+//! obstacles on the way: what it then presses them with is part of its equilibrium, and of the derivatives that lay it on the curve.
 
 mod curve;
 mod fit;
@@ -11,8 +12,10 @@ mod fit;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use tdcr_sim::contact::Contact;
 use tdcr_sim::curve::BackboneCurve;
 use tdcr_sim::robot::{Command, Drive, Loads, LoadsError, Robot, Tendon};
+use tdcr_sim::scene::Scene;
 use thiserror::Error;
 
 use curve::Curve;
@@ -28,7 +31,7 @@ const POINTS: usize = 50;
 /// How a robot's base moves while it is deployed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BaseMotion {
-    /// In any way, as a manipulator carries it: the tip is then exactly on the curve.
+    /// In any way, as a manipulator carries it: the tip is then exactly on the curve, unless an obstacle is there.
     Free,
     /// Along the direction in which the curve begins, as on a carriage.
     Carriage,
@@ -60,6 +63,15 @@ pub struct DeploymentStage {
     pub deviation: f64,
     /// Distance of the tip from its place (m).
     pub tip_error: f64,
+    /// What the robot touches.
+    pub contacts: Vec<Contact>,
+}
+
+impl DeploymentStage {
+    /// Sum of the forces of all contacts (N).
+    pub fn contact_force(&self) -> f64 {
+        self.contacts.iter().map(|one| one.force.norm()).sum()
+    }
 }
 
 /// Why there is no deployment.
@@ -93,6 +105,26 @@ pub enum DeploymentError {
         /// Where (m).
         arc_length: f64,
     },
+    /// It was asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// What a deployment goes through.
+#[derive(Clone, Copy, Debug)]
+pub struct DeploymentTask<'a> {
+    /// The robot. Where its base is in its file does not matter; its size, its masses and gravity do.
+    pub robot: &'a Robot,
+    /// Obstacles, which it may touch.
+    pub scene: &'a Scene,
+    /// What pulls at it.
+    pub loads: &'a Loads,
+    /// Points of the curve, world frame (m).
+    pub points: &'a [Vector3<f64>],
+    /// How its base moves.
+    pub motion: BaseMotion,
+    /// Stages of equal length, 2 at least.
+    pub stages: usize,
 }
 
 /// Deploys a robot along the curve through points in the world (m), in stages of equal length.
@@ -126,6 +158,36 @@ pub fn deploy(
     motion: BaseMotion,
     stages: usize,
 ) -> Result<Deployment, DeploymentError> {
+    let task = DeploymentTask {
+        robot,
+        scene: &Scene::default(),
+        loads,
+        points,
+        motion,
+        stages,
+    };
+    deploy_while(&task, |_, _| true)
+}
+
+/// The same of a robot among obstacles, as long as `go_on` says so, which is told after each step how many there were, and how many there
+/// are to be.
+///
+/// The robot is laid on the whole curve first: what is in its way there, or beside the curve's beginning, bends it.
+///
+/// # Errors
+/// As [`deploy`]; [`DeploymentError::Interrupted`] after it was told to stop.
+pub fn deploy_while(
+    task: &DeploymentTask,
+    mut go_on: impl FnMut(usize, usize) -> bool,
+) -> Result<Deployment, DeploymentError> {
+    let DeploymentTask {
+        robot,
+        scene,
+        loads,
+        points,
+        motion,
+        stages,
+    } = *task;
     loads.check(robot)?;
     let finite = points.iter().flatten().all(|x| x.is_finite());
     let curve = Curve::new(points.iter().copied()).filter(|_| finite);
@@ -133,7 +195,7 @@ pub fn deploy(
     if stages < 2 {
         return Err(DeploymentError::Stages(stages));
     }
-    let fitter = Fitter::new(robot, loads, motion);
+    let fitter = Fitter::new(robot, scene, loads, motion);
     let length = fitter.length();
     // Rounding of a curve that is as long as the robot.
     if curve.length() > length * (1.0 + 1e-9) {
@@ -143,13 +205,22 @@ pub fn deploy(
             robot: robot.spec().name.clone(),
         });
     }
-    let mut posed = lay_on_whole(&fitter, robot, &curve)?;
+    let (steps, mut done) = (BENDS + 1 + stages, 0);
+    let mut step = || {
+        done += 1;
+        match go_on(done, steps) {
+            true => Ok(()),
+            false => Err(DeploymentError::Interrupted),
+        }
+    };
+    let mut posed = lay_on_whole(&fitter, robot, &curve, &mut step)?;
     let mut found = Vec::with_capacity(stages);
     for stage in (0..stages).rev() {
         let arc_length = curve.length() * stage as f64 / (stages - 1) as f64;
         posed = drawn_back(&fitter, &posed, &curve, arc_length)
             .ok_or(DeploymentError::Unsettled { arc_length })?;
         found.push(at_stage(robot, &posed, &curve, arc_length));
+        step()?;
     }
     found.reverse();
     let deviations = || found.iter().map(|stage| stage.deviation);
@@ -161,7 +232,12 @@ pub fn deploy(
 }
 
 /// The robot with its tip at the end of the curve, and what is before it straight behind the curve's start.
-fn lay_on_whole(fitter: &Fitter, robot: &Robot, curve: &Curve) -> Result<Posed, DeploymentError> {
+fn lay_on_whole(
+    fitter: &Fitter,
+    robot: &Robot,
+    curve: &Curve,
+    step: &mut impl FnMut() -> Result<(), DeploymentError>,
+) -> Result<Posed, DeploymentError> {
     let length = fitter.length();
     let unsettled = DeploymentError::Unsettled {
         arc_length: curve.length(),
@@ -179,6 +255,7 @@ fn lay_on_whole(fitter: &Fitter, robot: &Robot, curve: &Curve) -> Result<Posed, 
         posed = fitter
             .lay(&posed, &bent, [bent.length(), length])
             .ok_or(unsettled.clone())?;
+        step()?;
     }
     Ok(posed)
 }
@@ -213,6 +290,7 @@ fn at_stage(robot: &Robot, posed: &Posed, curve: &Curve, arc_length: f64) -> Dep
         deviation: deviation(robot, posed, curve, arc_length),
         positions,
         tip_error,
+        contacts: posed.contacts.clone(),
     }
 }
 

@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tdcr_sim::robot::{Command, CommandError, Robot};
 
-use super::DataError;
+use super::{DataError, ObstacleDraws};
 
 /// Draws of one index before its conditions count as exhausted.
 const MAX_DRAWS: usize = 100;
@@ -22,7 +22,8 @@ const MAX_DRAWS: usize = 100;
 /// What a robot is under: the condition that a network predicts from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
-    /// Command, one value per motor: tendon rest lengths or lengths (m), tensions (N), or a real robot's own units.
+    /// Command, one value per motor: tendon rest lengths or lengths (m), tensions (N), or a real robot's own units. Where obstacles are
+    /// moved, their displacements follow ([`ObstacleVariation`](super::ObstacleVariation)).
     pub motors: Vec<f32>,
     /// Mass hung from the tip (kg); `None` in a data set without payloads.
     pub payload: Option<f32>,
@@ -51,6 +52,15 @@ impl Condition {
             *value = end.unwrap_or(*value);
         }
         robot.command(&values)
+    }
+
+    /// The condition of `robot` alone, where obstacles are moved.
+    pub(super) fn without_obstacles(&self, robot: &Robot) -> Self {
+        let motors = self.motors.iter().take(robot.tendons().len());
+        Self {
+            motors: motors.copied().collect(),
+            payload: self.payload,
+        }
     }
 
     /// The condition's bits, which tell it from every other one.
@@ -125,16 +135,32 @@ pub fn conditions(
     count: usize,
     seed: u64,
 ) -> Result<Vec<Condition>, DataError> {
+    conditions_among(robot, payload, None, design, count, seed)
+}
+
+/// The same where `obstacles` are moved for each of them. Under [`Design::Uniform`] the straight robot is outside of all.
+///
+/// # Errors
+/// As [`conditions`].
+pub fn conditions_among(
+    robot: &Robot,
+    payload: Option<PayloadRange>,
+    obstacles: Option<&ObstacleDraws>,
+    design: Design,
+    count: usize,
+    seed: u64,
+) -> Result<Vec<Condition>, DataError> {
     payload.map_or(Ok(()), PayloadRange::check)?;
-    let dimensions = robot.tendons().len() + usize::from(payload.is_some());
+    let numbers = obstacles.map_or(0, ObstacleDraws::numbers);
+    let dimensions = robot.tendons().len() + usize::from(payload.is_some()) + numbers;
     let points = design.points(dimensions, count, seed)?;
     let mut seen = HashSet::with_capacity(count);
     (0..count)
         .map(|index| {
             let mut rng = rng(seed, index as u64);
             let mut draw = || match &points {
-                Some(points) => placed(robot, payload, design, &points.point(index)),
-                None => uniform(robot, payload, &mut rng),
+                Some(points) => placed(robot, payload, obstacles, design, &points.point(index)),
+                None => uniform(robot, payload, obstacles, &mut rng),
             };
             // A design other than by chance gives the same point again.
             let draws = if points.is_some() { 1 } else { MAX_DRAWS };
@@ -146,23 +172,25 @@ pub fn conditions(
         .collect()
 }
 
-/// A condition drawn uniformly: the command from the box of the tendons' ranges, the payload from its range.
+/// A condition drawn uniformly: the command from the box of the tendons' ranges, the payload and where obstacles are from theirs.
 pub(super) fn uniform(
     robot: &Robot,
     payload: Option<PayloadRange>,
+    obstacles: Option<&ObstacleDraws>,
     rng: &mut impl Rng,
 ) -> Condition {
     let command = robot.random_command(rng);
-    Condition {
-        motors: command.as_slice().iter().map(|&c| c as f32).collect(),
-        payload: payload.map(|range| range.of_uniform(rng.random()) as f32),
-    }
+    let mut motors: Vec<f32> = command.as_slice().iter().map(|&c| c as f32).collect();
+    let payload = payload.map(|range| range.of_uniform(rng.random()) as f32);
+    motors.extend(obstacles.iter().flat_map(|obstacles| obstacles.draw(rng)));
+    Condition { motors, payload }
 }
 
 /// The condition at a point of the unit cube.
 fn placed(
     robot: &Robot,
     payload: Option<PayloadRange>,
+    obstacles: Option<&ObstacleDraws>,
     design: Design,
     point: &[f64],
 ) -> Condition {
@@ -175,8 +203,11 @@ fn placed(
         Design::Grid => range.at(rest[0]),
         _ => range.of_uniform(rest[0]),
     };
+    let mut motors: Vec<f32> = robot.tendons().iter().zip(motors).map(place).collect();
+    let of_obstacles = &rest[usize::from(payload.is_some())..];
+    motors.extend(obstacles.iter().flat_map(|one| one.at(of_obstacles)));
     Condition {
-        motors: robot.tendons().iter().zip(motors).map(place).collect(),
+        motors,
         payload: payload.map(|range| mass(range) as f32),
     }
 }
