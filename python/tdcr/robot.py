@@ -174,7 +174,9 @@ class Robot:
                 settle.
         """
         if attach is not None and (base or dt is not None or command is not None or scene is not None):
-            raise InputError("`attach` goes with `payload` and `integrator` alone: the rest is left to the model around the robot")
+            raise InputError(
+                "`attach` goes with `payload` and `integrator` alone: the rest is left to the model around the robot"
+            )
         options = {
             "attach": None if attach is None else as_text(attach, "attach"),
             "base": as_flag(base, "base"),

@@ -72,13 +72,22 @@ pub(super) fn damping(joint: Option<&JointSpec>) -> f64 {
     }
 }
 
-/// The ends of an object's joint: for each a point that is held there (m), the direction in which it is held, and how far it may still
-/// go against that (m; of a hinge rad, at a point 1 m from its axis). `start` is where the joint's position is 0.
+/// An end of an object's joint.
+pub(super) struct Stop {
+    /// What is held there (m).
+    pub point: Vector3<f64>,
+    /// In which direction it is held.
+    pub direction: Vector3<f64>,
+    /// How far it may still go against that (m; of a hinge rad, at a point 1 m from its axis).
+    pub gap: f64,
+}
+
+/// The ends of an object's joint, if it has any. `start` is where the joint's position is 0.
 pub(super) fn stops(
     joint: Option<&JointSpec>,
     start: &Isometry3<f64>,
     pose: &Isometry3<f64>,
-) -> Option<[(Vector3<f64>, Vector3<f64>, f64); 2]> {
+) -> Option<[Stop; 2]> {
     let joint = joint?;
     let axis = axis(joint, &pose.rotation);
     let ([low, high], position, point, along) = match joint {
@@ -97,10 +106,12 @@ pub(super) fn stops(
             (hinge.limits?, angle, anchor + arm, axis.cross(&arm))
         }
     };
-    Some([
-        (point, along, position - low),
-        (point, -along, high - position),
-    ])
+    let stop = |direction, gap| Stop {
+        point,
+        direction,
+        gap,
+    };
+    Some([stop(along, position - low), stop(-along, high - position)])
 }
 
 /// The motions `[velocity of the centre of mass; angular velocity]` that a joint leaves its object, and their number, where the centre

@@ -229,24 +229,19 @@ impl World {
         }
     }
 
-    /// Adds the places where objects touch, or soon may, what is fixed or each other, each once, and the ends of their joints. They are those that rapier found at the
-    /// begin of its last step, with the gaps of today.
+    /// Adds the places where objects touch, or soon may, what is fixed or each other, each once, and the ends of their joints. They
+    /// are those that rapier found at the begin of its last step, with the gaps of today.
     pub fn meetings(&self, out: &mut Vec<Meeting>) {
         for (object, (kept, state)) in self.kept.iter().zip(&self.states).enumerate() {
             let stops = stops(kept.joint.as_ref(), &kept.start, &state.pose);
-            out.extend(
-                stops
-                    .into_iter()
-                    .flatten()
-                    .map(|(point, normal, gap)| Meeting {
-                        object,
-                        other: None,
-                        point,
-                        normal,
-                        gap,
-                        friction: 0.0,
-                    }),
-            );
+            out.extend(stops.into_iter().flatten().map(|stop| Meeting {
+                object,
+                other: None,
+                point: stop.point,
+                normal: stop.direction,
+                gap: stop.gap,
+                friction: 0.0,
+            }));
         }
         let of_collider = |handle: ColliderHandle| {
             let parent = self.sets.colliders[handle].parent();

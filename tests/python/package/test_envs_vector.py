@@ -246,7 +246,10 @@ def test_goals_of_a_vector_are_one_for_all_or_one_for_each() -> None:
     observation, _ = env.reset(options={"goal": goals, "reset_mask": mask})
     assert np.abs(world.unscaled(observation["desired_goal"]) - goals[[0, 1]]).max() < 1e-8
     for options, says in (
-        ({"reset_mask": mask, "gaol": goals}, "options has 'gaol', which ReachGoal does not take; expected 'goal', 'start', 'payload', 'reset_mask'"),
+        (
+            {"reset_mask": mask, "gaol": goals},
+            "options has 'gaol', which ReachGoal does not take; expected 'goal', 'start', 'payload', 'reset_mask'",
+        ),
         ({"goal": goals[:, :2]}, r"options\['goal'\] has shape \(2, 2\); expected \(2, 3\)"),
     ):
         with pytest.raises(InputError, match=says):

@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
 
-use super::touch::{DiscVelocities, Side, Touch};
+use super::touch::{DiscVelocities, Response, Side, Touch};
 use crate::dynamics::Reaction;
 use crate::objects::{Body, Twist};
 
@@ -175,7 +175,7 @@ impl Movables {
     /// and inertance.
     pub fn couple(
         &mut self,
-        (touches, laws): (&[Touch], &[(Vector3<f64>, Matrix3<f64>)]),
+        (touches, laws): (&[Touch], &[Response]),
         centres: &[Vector3<f64>],
         rates: &mut [Vector3<f64>],
         robot: &mut impl Responds,
@@ -191,12 +191,12 @@ impl Movables {
         let mut spatial = DiscVelocities::default();
         spatial.set(centres, rates);
         // The objects' own terms, and what the contacts do to them as far as the robot moves without them.
-        for (touch, (at_rest, inertance)) in touches.iter().zip(laws) {
+        for (touch, Response { impulse, inertance }) in touches.iter().zip(laws) {
             let moved = match touch.on {
                 Side::Disc(disc) => spatial.of(disc, &touch.arm),
                 Side::Object(_) => Vector3::zeros(),
             };
-            let impulse = at_rest - inertance * moved;
+            let impulse = impulse - inertance * moved;
             for (row, left) in self.jacobians(touch) {
                 let mut rows = right.fixed_rows_mut::<6>(6 * row);
                 rows += left.tr_mul(&impulse);
@@ -216,7 +216,7 @@ impl Movables {
         for (place, _) in touched.iter().enumerate().filter(|(_, touched)| **touched) {
             for axis in 0..self.all[place].body.freedoms {
                 self.reactions.fill(Reaction::default());
-                for (touch, (_, inertance)) in touches.iter().zip(laws) {
+                for (touch, Response { inertance, .. }) in touches.iter().zip(laws) {
                     if let (Side::Disc(disc), true) = (touch.on, touch.is_of_robot(place))
                         && let Some((_, jacobian)) = self.jacobians(touch).next()
                     {
@@ -226,7 +226,7 @@ impl Movables {
                 }
                 robot.respond_again(&self.reactions, &mut self.response);
                 spatial.set(centres, &self.response);
-                for (touch, (_, inertance)) in touches.iter().zip(laws) {
+                for (touch, Response { inertance, .. }) in touches.iter().zip(laws) {
                     let Side::Disc(disc) = touch.on else { continue };
                     let change = inertance * spatial.of(disc, &touch.arm);
                     for (row, left) in self.jacobians(touch) {

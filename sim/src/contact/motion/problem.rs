@@ -42,7 +42,7 @@ pub(super) struct Problem {
     /// The objects that contacts are with.
     pub movables: Movables,
     /// Of each contact, impulse at the velocity without contacts, and inertance.
-    laws: Vec<(Vector3<f64>, Matrix3<f64>)>,
+    laws: Vec<Response>,
 }
 
 impl Problem {
@@ -126,7 +126,10 @@ impl Problem {
             if let Side::Disc(disc) = touch.on {
                 self.reactions[disc].push(&touch.arm, &at_rest, &inertance);
             }
-            self.laws.push((at_rest, inertance));
+            self.laws.push(Response {
+                impulse: at_rest,
+                inertance,
+            });
         }
         if self.movables.all.is_empty() {
             robot.respond(&self.reactions, &mut self.trial);

@@ -51,6 +51,7 @@ pub(super) struct Touch {
 }
 
 /// What a contact does at its velocity.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Response {
     pub impulse: Vector3<f64>,
     pub inertance: Matrix3<f64>,
