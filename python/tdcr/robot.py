@@ -163,9 +163,9 @@ class Robot:
                 of every tendon's range, with a little more pull by the first tendon of each module.
             scene: Obstacles around the robot, as geoms of the world, and spheres on the discs that touch them. What MuJoCo has
                 otherwise is warned of.
-            attach: Prefix of all names in a model that is to be mounted on another one (``mujoco.MjSpec.attach``): its base stands
-                at the origin, and cameras, gravity, time step and keyframe are left to that model. Goes with ``payload`` and
-                ``integrator`` alone.
+            attach: Prefix of all names in a model that is to be mounted on another one (``mujoco.MjSpec.attach``): its base
+                stands at the origin, and cameras, gravity, time step and keyframe are left to that model. Goes with
+                ``payload`` and ``integrator`` alone.
 
         Raises:
             InputError: For ``attach`` with what it does not go with.

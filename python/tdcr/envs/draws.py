@@ -91,7 +91,7 @@ class Draws:
             return None
         forces = np.zeros((len(sizes), 3))
         for row in np.flatnonzero(sizes):
-            direction = self._stream(row, 0, int(steps[row]) // HOLD).standard_normal(3)
+            direction = self._stream(int(row), 0, int(steps[row]) // HOLD).standard_normal(3)
             forces[row] = sizes[row] * direction / np.linalg.norm(direction)
         return forces
 
@@ -99,7 +99,7 @@ class Draws:
         """Adds what the rows see wrongly after ``steps``, in place: normal deviates of each entry."""
         sizes = self.values["noise"]
         for row in np.flatnonzero(sizes):
-            noise = self._stream(row, 1, int(steps[row])).standard_normal(observed.shape[1], dtype=np.float32)
+            noise = self._stream(int(row), 1, int(steps[row])).standard_normal(observed.shape[1], dtype=np.float32)
             observed[row] += np.float32(sizes[row]) * noise
 
     def _stream(self, row: int, what: int, when: int) -> np.random.Generator:

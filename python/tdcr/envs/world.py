@@ -57,9 +57,9 @@ class Settings:
     weights: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, value, known in (("observation", self.observation, OBSERVATIONS), ("action", self.action, ACTIONS)):
-            if value not in known:
-                raise InputError(f"{name} is {value!r}; expected one of {', '.join(known)}")
+        for name, word, known in (("observation", self.observation, OBSERVATIONS), ("action", self.action, ACTIONS)):
+            if word not in known:
+                raise InputError(f"{name} is {word!r}; expected one of {', '.join(known)}")
         if self.observe_tensions and self.observation == "cloud":
             raise InputError("observe_tensions is of the observations 'state' and 'tip'; expected one of these, or False")
         as_count(self.frame_skip, "frame_skip", 1, 10**6)
