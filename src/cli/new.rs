@@ -53,8 +53,6 @@ enum Backbone {
     Steel,
     /// A wire of superelastic nickel titanium
     Nitinol,
-    /// Ball joints that turn freely, which tendons hold
-    Joints,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -124,11 +122,7 @@ fn sketch(args: &NewArgs) -> anyhow::Result<Sketch> {
     let discs = asked("Discs of each segment", args.discs, 10)?;
     let tendons = asked("Tendons of each segment", args.tendons, 3)?;
     let length = asked("Length of each segment (m)", args.length, 0.1)?;
-    let backbone = asked(
-        "Backbone (steel, nitinol, joints)",
-        args.backbone,
-        Backbone::Steel,
-    )?;
+    let backbone = asked("Backbone (steel, nitinol)", args.backbone, Backbone::Steel)?;
     let servos = asked(
         "Servos are told (tension, position)",
         args.servos,
@@ -138,10 +132,6 @@ fn sketch(args: &NewArgs) -> anyhow::Result<Sketch> {
     let backbone = match backbone {
         Backbone::Steel => SketchedBackbone::steel(radius),
         Backbone::Nitinol => SketchedBackbone::nitinol(radius),
-        Backbone::Joints if args.radius.is_some() => {
-            bail!("--radius goes with a backbone that is a wire: steel or nitinol")
-        }
-        Backbone::Joints => SketchedBackbone::BallJoints,
     };
     let servos = match servos {
         Servos::Position => SketchedServos::Position,

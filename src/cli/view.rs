@@ -46,7 +46,7 @@ pub(super) struct ViewArgs {
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Rig to look at live, and to move by the page that arms it; its robot is shown where its servos stand
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["robot", "command", "commands", "scene", "data", "log", "study"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["robot", "lengths", "commands", "scene", "data", "log", "study"])]
     rig: Option<PathBuf>,
     /// Folder of a finished study: a point of its figure shows the robot of the row
     #[arg(long, value_name = "DIR")]

@@ -47,7 +47,7 @@ fn base_and_payload_go_into_a_model_alone() {
         &["--integrator", "rk4"],
     ] {
         let arguments = [&["export", "--format", "urdf"], option].concat();
-        refuse(&arguments, 1, "--scene go with --format mjcf");
+        refuse(&arguments, 1, "--attach go with --format mjcf");
     }
     refuse(
         &["export", "--payload", "-1"],
@@ -277,7 +277,7 @@ fn scenes_go_with_models_of_mujoco_alone() {
     refuse(
         &["export", "--format", "urdf", "--scene", text(&scene)],
         1,
-        "--scene go with --format mjcf",
+        "--attach go with --format mjcf",
     );
     refuse(
         &["export", "--format", "scene"],

@@ -14,7 +14,6 @@ fn robots_of_every_kind_settle_bent_under_the_command_that_their_file_names() {
         ["steel", "position"],
         ["nitinol", "tension"],
         ["nitinol", "position"],
-        ["joints", "position"],
     ] {
         let kind = [
             "--backbone",
@@ -96,19 +95,6 @@ fn what_is_no_robot_is_refused_and_no_file_is_replaced() {
         1,
         "the radius of the backbone (m) is 0.02",
     );
-    let loose = ["new", file, "--backbone", "joints", "--servos", "tension"];
-    refuse(&loose, 1, "expected servos that are told positions");
-    let wire = [
-        "new",
-        file,
-        "--backbone",
-        "joints",
-        "--servos",
-        "position",
-        "--radius",
-        "0.001",
-    ];
-    refuse(&wire, 1, "--radius goes with");
     assert!(!path.exists());
     succeed(&["new", file]);
     let before = fs::read(&path).unwrap();

@@ -24,26 +24,21 @@ pub struct Sketch {
     pub servos: SketchedServos,
 }
 
-/// What stands between the discs of a [`Sketch`].
+/// The elastic wire through all discs of a [`Sketch`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SketchedBackbone {
-    /// An elastic wire through all discs.
-    Rod {
-        /// Young's modulus (Pa), shear modulus by a Poisson's ratio of 0.3.
-        youngs: f64,
-        /// Radius (m).
-        radius: f64,
-        /// Density (kg/m³).
-        density: f64,
-    },
-    /// Ball joints that turn freely: tendons that are stretched keep the robot up.
-    BallJoints,
+pub struct SketchedBackbone {
+    /// Young's modulus (Pa), shear modulus by a Poisson's ratio of 0.3.
+    pub youngs: f64,
+    /// Radius (m).
+    pub radius: f64,
+    /// Density (kg/m³).
+    pub density: f64,
 }
 
 impl SketchedBackbone {
     /// A wire of spring steel.
     pub fn steel(radius: f64) -> Self {
-        Self::Rod {
+        Self {
             youngs: 200e9,
             radius,
             density: 7850.0,
@@ -52,7 +47,7 @@ impl SketchedBackbone {
 
     /// A wire of superelastic nickel titanium, as austenite.
     pub fn nitinol(radius: f64) -> Self {
-        Self::Rod {
+        Self {
             youngs: 60e9,
             radius,
             density: 6450.0,
@@ -82,12 +77,6 @@ pub enum SketchError {
         /// What may be given.
         expected: &'static str,
     },
-    /// Nothing would keep the robot up.
-    #[error(
-        "ball joints that turn freely give way under tensions, whatever these are; expected servos that are told positions, or \
-         a backbone that is a wire"
-    )]
-    Loose,
     /// The file would not be valid.
     #[error(transparent)]
     Robot(#[from] SpecError),
@@ -136,9 +125,6 @@ impl Sketch {
     }
 
     fn check(&self) -> Result<(), SketchError> {
-        if (self.servos, self.backbone) == (SketchedServos::Tension, SketchedBackbone::BallJoints) {
-            return Err(SketchError::Loose);
-        }
         let counts = [
             ("the number of segments", self.segments, 1..=20, "1 to 20"),
             (
@@ -164,10 +150,6 @@ impl Sketch {
                 });
             }
         }
-        let radius = match self.backbone {
-            SketchedBackbone::Rod { radius, .. } => radius,
-            SketchedBackbone::BallJoints => self.hole_radius() / 2.0,
-        };
         for (what, value, largest, expected) in [
             (
                 "the length of a segment (m)",
@@ -177,7 +159,7 @@ impl Sketch {
             ),
             (
                 "the radius of the backbone (m)",
-                radius,
+                self.backbone.radius,
                 self.hole_radius(),
                 "above 0, and less than a twelfth of a segment's length",
             ),
@@ -207,22 +189,15 @@ impl Sketch {
         let straight = (segment + 1) as f64 * self.length;
         // A tendon at the distance r from the axis gets shorter by r times the bend.
         let pulled = BEND * self.hole_radius() * (segment + 1) as f64;
-        match (self.servos, self.backbone) {
-            (SketchedServos::Position, SketchedBackbone::Rod { .. }) => {
-                [straight - pulled, straight + pulled]
-            }
-            // Without a backbone, what is not stretched does not hold.
-            (SketchedServos::Position, SketchedBackbone::BallJoints) => {
-                [straight - 2.0 * pulled, straight]
-            }
-            (SketchedServos::Tension, SketchedBackbone::Rod { youngs, radius, .. }) => {
+        match self.servos {
+            SketchedServos::Position => [straight - pulled, straight + pulled],
+            SketchedServos::Tension => {
+                let SketchedBackbone { youngs, radius, .. } = self.backbone;
                 // A tendon bends a rod by its tension times its distance from the axis.
                 let stiffness = youngs * PI * radius.powi(4) / 4.0;
                 let tension = stiffness * BEND / self.length / self.hole_radius();
                 [0.0, 1.5 * tension * (segment + 1) as f64]
             }
-            // Refused: nothing would keep it up.
-            (SketchedServos::Tension, SketchedBackbone::BallJoints) => [0.0, 0.0],
         }
         .map(|value| format!("{value:.3e}").parse().unwrap_or(value))
     }
@@ -311,19 +286,17 @@ impl Sketch {
             "1e-6".to_owned(),
             "kg m² of each joint; moves no equilibrium",
         );
-        if let SketchedBackbone::Rod {
+        let SketchedBackbone {
             youngs,
             radius,
             density,
-        } = self.backbone
-        {
-            let rod = format!(
-                "{{ youngs = {youngs:e}, poisson = 0.3, radius = {}, density = {} }}",
-                rounded(radius),
-                rounded(density)
-            );
-            line("rod", rod, "");
-        }
+        } = self.backbone;
+        let rod = format!(
+            "{{ youngs = {youngs:e}, poisson = 0.3, radius = {}, density = {} }}",
+            rounded(radius),
+            rounded(density)
+        );
+        line("rod", rod, "");
         let [low, high] = self.range(segment);
         let drive = match self.servos {
             SketchedServos::Tension => "\"tension\"".to_owned(),
