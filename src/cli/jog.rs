@@ -34,7 +34,7 @@ pub(super) struct JogArgs {
     #[arg(long, conflicts_with_all = ["bend", "tension"])]
     tip: bool,
     /// Way of a key of --tip (m)
-    #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, requires = "tip")]
+    #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, requires = "tip", conflicts_with_all = ["bend", "tension"])]
     step: f64,
     /// Bend of a key (rad)
     #[arg(long, default_value_t = 0.05, value_name = "RAD", value_parser = super::positive)]

@@ -24,22 +24,24 @@ pub(super) struct CloudArgs {
         conflicts_with_all = ["tip", "path", "name_or_path", "scene", "wrenches", "line_load", "tolerance", "out"]
     )]
     pub cloud: Option<PathBuf>,
+    // What a given target conflicts with is not required any more, so these name both.
     /// The trained model of --cloud
     #[arg(
         long,
         default_value = "run/model.safetensors",
         value_name = "FILE",
-        requires = "cloud"
+        requires = "cloud",
+        conflicts_with_all = ["tip", "path"]
     )]
     model: PathBuf,
     /// Command that --cloud starts from, separated by commas
-    #[arg(long, value_parser = super::numbers, allow_hyphen_values = true, value_name = "C,C,...", requires = "cloud")]
+    #[arg(long, value_parser = super::numbers, allow_hyphen_values = true, value_name = "C,C,...", requires = "cloud", conflicts_with_all = ["tip", "path"])]
     start: Option<Box<[f64]>>,
     /// Most steps of --cloud
-    #[arg(long, default_value_t = 20, value_name = "N", requires = "cloud")]
+    #[arg(long, default_value_t = 20, value_name = "N", requires = "cloud", conflicts_with_all = ["tip", "path"])]
     steps: usize,
     /// Points of the clouds that --cloud predicts
-    #[arg(long, default_value_t = 2048, value_name = "N", requires = "cloud")]
+    #[arg(long, default_value_t = 2048, value_name = "N", requires = "cloud", conflicts_with_all = ["tip", "path"])]
     points: usize,
 }
 

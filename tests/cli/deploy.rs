@@ -3,6 +3,8 @@
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
 
 use crate::{refuse, succeed, succeed_json, tdcr, text};
 
@@ -116,6 +118,8 @@ fn a_deployment_that_is_interrupted_leaves_no_table() {
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
     let begun = lines.next().unwrap().unwrap();
     assert!(begun.contains("deploy: 1000013 steps"), "{begun}");
+    // Until the first step asks whether to go on, a signal ends it at once.
+    sleep(Duration::from_millis(500));
     let id = child.id().to_string();
     let sent = Command::new("kill").args(["-INT", &id]).status();
     assert!(sent.unwrap().success());

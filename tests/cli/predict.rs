@@ -455,5 +455,6 @@ fn a_command_is_found_for_a_cloud() {
         1,
         "trained without payloads",
     );
-    refuse(&["reach", "--tip", "0,0,0.3", "--steps", "3"], 2, "--cloud");
+    let with_tip = ["reach", "--tip", "0,0,0.3", "--steps", "3"];
+    refuse(&with_tip, 2, "cannot be used with");
 }

@@ -6,6 +6,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,8 @@ def test_ctrl_c_ends_it_as_it_ends_the_binary(resumes: bool, tmp_path: Path) -> 
         with subprocess.Popen([*front, *work], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
             assert running.stderr is not None
             begun = running.stderr.readline()
+            # Until its first step asks whether to go on, a signal ends it at once.
+            time.sleep(0.5)
             running.send_signal(signal.SIGINT)
             said = running.stderr.read()
             assert running.wait(timeout=60.0) == 130, said
