@@ -285,11 +285,6 @@ fn what_a_robot_cannot_have_is_named_with_its_line() {
         ),
         (
             "<worldbody>",
-            "<worldbody><body><joint type=\"ball\"/></body>",
-            "<worldbody>: carries several",
-        ),
-        (
-            "<worldbody>",
             "<equality><weld/></equality><worldbody>",
             "<equality>: a section",
         ),
