@@ -41,7 +41,10 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
     ),
     "reach": (
         inverse.ShapeController,
-        {"payload": "loads", **LOADS, "tip": "a target", "path": "of ShapePath", "out": "arrays are returned"},
+        {
+            **{"payload": "loads", **LOADS, "tip": "a target", "path": "of ShapePath", "out": "arrays are returned"},
+            **dict.fromkeys(["cloud", "model", "start", "steps", "points"], "tdcr.Predictor.reach"),
+        },
     ),
     "study": (tdcr.study, {"new": "a file to start from"}),
     "study merge": (tdcr.merge_study, {}),
@@ -84,7 +87,12 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
     "background": (tdcr.rig.record_background, {}),
     "capture": (
         tdcr.Rig.capture,
-        {"rig": "self", "dry-run": "Rig.draw and Rig.goals say what would move", "no-log": "log=False"},
+        {
+            "rig": "self",
+            "dry-run": "Rig.draw and Rig.goals say what would move",
+            "no-log": "log=False",
+            "fault": "rehearsals are on the command line",
+        },
     ),
     "demo": (tdcr.demo, {}),
 }
