@@ -112,9 +112,10 @@ def test_clouds_of_cameras_and_of_a_plant_of_ones_own_lead_the_tip(tmp_path: Pat
                 return {}
             return {"cloud": tdcr.cloud(HANGING, self.now).points[::40].astype(float)}
 
-    run = tdcr.track(HANGING, "circle", plant=Seen(), duration=0.5, approach=0.5)
+    # Slow enough for the rate of the commands.
+    run = tdcr.track(HANGING, "circle", plant=Seen(), duration=2.0, approach=1.0)
     assert run.summary["stopped"] is None
-    assert run.summary["rms_error_percent"] < 1.5
+    assert run.summary["rms_error_percent"] < 0.6
     with pytest.raises(InputError, match="noise: "):
         tdcr.track(HANGING, "circle", noise="d415")
     with pytest.raises(InputError, match="noise: these are of simulated robots"):
