@@ -112,9 +112,7 @@ impl Belief {
         }
         // Offsets and gains lead past the ranges of commands.
         let mut spec = robot.spec().clone();
-        let of_modules = (spec.modules.iter_mut()).filter_map(|module| module.tendons.as_mut());
-        let of_routes = spec.routes.iter_mut().map(|route| &mut route.tendon);
-        for tendon in of_modules.chain(of_routes) {
+        for tendon in spec.tendon_specs_mut() {
             tendon.range = match tendon.drive {
                 Drive::Gain(_) | Drive::Length => [0.0, REACH[0]],
                 Drive::Tension => [0.0, REACH[1]],

@@ -3,18 +3,18 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tdcr::hw::capture::{CaptureError, Session, SessionSettings};
+use tdcr::hw::capture::{CaptureError, Session};
 use tdcr::hw::plan::{PlanError, Shape};
 use tdcr::hw::rig::{Pace, Rig};
-use tdcr::pipeline::{CaptureSettings, Monitor, lock_folder};
+use tdcr::pipeline::lock_folder;
 use tdcr::report::counted;
 
-use super::console::{Console, Interrupted};
+use super::console::Console;
 use super::faults::FaultArgs;
 use super::is_interruption;
 use super::jog_tip;
-use super::jogged::{Jogged, save};
-use super::keys::{Keys, Pressed};
+use super::jogged::{Jogged, end, session_settings};
+use super::keys::Keys;
 
 /// Bytes that the log leaves on its disk: some clouds of tens of thousands of points.
 const LOG_LEAVES: u64 = 16 << 20;
@@ -122,42 +122,14 @@ fn obey(
     jogged: &mut Jogged,
     console: &Console,
 ) -> anyhow::Result<()> {
-    let settings = SessionSettings {
-        seed: 0,
-        voxel_size: CaptureSettings::default().voxel,
-        masks: None,
-    };
     let mut go_on = || console.go_on();
-    let mut session = Session::begin(rig, &settings, None, &mut go_on)?;
+    let mut session = Session::begin(rig, &session_settings(), None, &mut go_on)?;
     session.check_tendons()?;
     let mut module = 0;
     console.tell(
         "1 to 9: module; w a s d: bend; + -: tension; h: straight; c: capture; q: let go and end",
     );
-    loop {
-        if console.interrupted() {
-            session.end()?;
-            return Err(Interrupted.into());
-        }
-        let key = match keys.pressed() {
-            Pressed::Key('q') | Pressed::End => return Ok(session.end()?),
-            Pressed::Key(key) => key,
-            Pressed::Nothing => {
-                session.rig().poll()?;
-                continue;
-            }
-        };
-        if key == 'c' {
-            let sample = session.observe(jogged.captured as u64)?;
-            let number = jogged.captured;
-            (session.rig()).hold_while(|| save(&args.out, number, &sample))??;
-            jogged.captured += 1;
-            console.tell(&format!(
-                "captured {}",
-                counted(sample.cloud.len(), "point")
-            ));
-            continue;
-        }
+    while let Some(key) = jogged.key(&mut session, keys, console)? {
         if let Some(chosen) = key
             .to_digit(10)
             .and_then(|digit| (digit as usize).checked_sub(1))
@@ -191,6 +163,7 @@ fn obey(
             pulls.join(", ")
         ));
     }
+    end(session, console)
 }
 
 /// The shape that a key asks for; `None` for a key without meaning.

@@ -1,4 +1,4 @@
-//! What a jogged rig did, and the files of what was captured.
+//! What all jogging shares: the session that keys move a rig in, what they did, and the files of what was captured.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,8 +6,13 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::Serialize;
 use serde_json::json;
-use tdcr::hw::capture::Captured;
+use tdcr::hw::capture::{Captured, Session, SessionSettings};
+use tdcr::pipeline::{CaptureSettings, Monitor};
+use tdcr::report::counted;
 use tdcr::sim::cloud::write_ply;
+
+use super::console::{Console, Interrupted};
+use super::keys::{Keys, Pressed};
 
 /// What was done.
 #[derive(Serialize)]
@@ -22,8 +27,57 @@ pub(super) struct Jogged<'a> {
     pub captured: usize,
 }
 
+/// How a rig is looked at while keys move it.
+pub(super) fn session_settings() -> SessionSettings {
+    SessionSettings {
+        seed: 0,
+        voxel_size: CaptureSettings::default().voxel,
+        masks: None,
+    }
+}
+
+/// Releases the tension; an error where a signal ended the work.
+pub(super) fn end(session: Session<'_>, console: &Console) -> anyhow::Result<()> {
+    session.end()?;
+    match console.interrupted() {
+        true => Err(Interrupted.into()),
+        false => Ok(()),
+    }
+}
+
+impl Jogged<'_> {
+    /// The next key that asks for a motion; `c` captures meanwhile. `None` where a key or a signal says to end, or all are read.
+    pub fn key(
+        &mut self,
+        session: &mut Session<'_>,
+        keys: &Keys,
+        console: &Console,
+    ) -> anyhow::Result<Option<char>> {
+        loop {
+            if console.interrupted() {
+                return Ok(None);
+            }
+            match keys.pressed() {
+                Pressed::Key('q') | Pressed::End => return Ok(None),
+                Pressed::Key('c') => {
+                    let sample = session.observe(self.captured as u64)?;
+                    let (dir, number) = (self.dir, self.captured);
+                    (session.rig()).hold_while(|| save(dir, number, &sample))??;
+                    self.captured += 1;
+                    let points = counted(sample.cloud.len(), "point");
+                    console.tell(&format!("captured {points}"));
+                }
+                Pressed::Key(key) => return Ok(Some(key)),
+                Pressed::Nothing => {
+                    session.rig().poll()?;
+                }
+            }
+        }
+    }
+}
+
 /// Writes a cloud and its motors as `tdcr data import` reads them, beside those of earlier runs.
-pub(super) fn save(dir: &Path, number: usize, sample: &Captured) -> anyhow::Result<()> {
+fn save(dir: &Path, number: usize, sample: &Captured) -> anyhow::Result<()> {
     fs::create_dir_all(dir).with_context(|| format!("cannot create {}", dir.display()))?;
     let mut name = number;
     while dir.join(format!("jog-{name:04}.ply")).exists() {

@@ -33,7 +33,7 @@ pub(super) struct PretensionArgs {
     #[arg(long)]
     by_hand: bool,
     /// How long to wait for hands (s)
-    #[arg(long, default_value_t = ByHand::default().patience.as_secs_f64(), value_name = "S", value_parser = super::positive, requires = "by_hand")]
+    #[arg(long, default_value_t = ByHand::default().patience.as_secs_f64(), value_name = "S", value_parser = super::positive, requires = "by_hand", conflicts_with = "step")]
     patience: f64,
 }
 

@@ -38,12 +38,12 @@ pub(super) struct ReachArgs {
         value_parser = vector,
         allow_hyphen_values = true,
         required_unless_present_any = ["path", "cloud"],
-        conflicts_with = "path"
+        conflicts_with_all = ["path", "CloudArgs"]
     )]
     tip: Option<[f64; 3]>,
     /// Targets to reach one after another: CSV, one per line, optionally with a header (x, y and z among others), or JSON, a
     /// list of lists. The robot follows them without jumps where it can
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "CloudArgs")]
     path: Option<PathBuf>,
     #[command(flatten)]
     cloud: CloudArgs,

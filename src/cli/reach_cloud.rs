@@ -21,27 +21,25 @@ pub(super) struct CloudArgs {
     #[arg(
         long,
         value_name = "FILE",
-        conflicts_with_all = ["tip", "path", "name_or_path", "scene", "wrenches", "line_load", "tolerance", "out"]
+        conflicts_with_all = ["name_or_path", "scene", "wrenches", "line_load", "tolerance", "out"]
     )]
     pub cloud: Option<PathBuf>,
-    // What a given target conflicts with is not required any more, so these name both.
     /// The trained model of --cloud
     #[arg(
         long,
         default_value = "run/model.safetensors",
         value_name = "FILE",
-        requires = "cloud",
-        conflicts_with_all = ["tip", "path"]
+        requires = "cloud"
     )]
     model: PathBuf,
     /// Command that --cloud starts from, separated by commas
-    #[arg(long, value_parser = super::numbers, allow_hyphen_values = true, value_name = "C,C,...", requires = "cloud", conflicts_with_all = ["tip", "path"])]
+    #[arg(long, value_parser = super::numbers, allow_hyphen_values = true, value_name = "C,C,...", requires = "cloud")]
     start: Option<Box<[f64]>>,
     /// Most steps of --cloud
-    #[arg(long, default_value_t = 20, value_name = "N", requires = "cloud", conflicts_with_all = ["tip", "path"])]
+    #[arg(long, default_value_t = 20, value_name = "N", requires = "cloud")]
     steps: usize,
     /// Points of the clouds that --cloud predicts
-    #[arg(long, default_value_t = 2048, value_name = "N", requires = "cloud", conflicts_with_all = ["tip", "path"])]
+    #[arg(long, default_value_t = 2048, value_name = "N", requires = "cloud")]
     points: usize,
 }
 

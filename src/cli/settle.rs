@@ -47,13 +47,13 @@ pub(super) struct SettleArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "random")]
     commands: Option<PathBuf>,
     /// With --commands, the table to write (.csv or .json): tip, tendons, stiffness, residual of each command
-    #[arg(long, value_name = "FILE", requires = "commands")]
+    #[arg(long, value_name = "FILE", requires = "commands", conflicts_with_all = ["command", "random"])]
     out: Option<PathBuf>,
     /// Settle N random commands instead, on one thread, and report how many settle, how well and how fast
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     random: Option<u64>,
     /// Seed of the random commands
-    #[arg(long, default_value_t = 0, requires = "random")]
+    #[arg(long, default_value_t = 0, requires = "random", conflicts_with_all = ["command", "commands"])]
     seed: u64,
     #[command(flatten)]
     loads: LoadArgs,

@@ -20,7 +20,8 @@ use super::scene::SceneArgs;
 #[derive(Debug, Args)]
 pub(super) struct TrainArgs {
     /// Folder of the data set
-    #[arg(long, default_value = "data", value_name = "DIR")]
+    // What a stream's options require is not asked for where it conflicts with what is given, so that these must conflict, too.
+    #[arg(long, default_value = "data", value_name = "DIR", conflicts_with_all = ["StreamOptions", "scene"])]
     data: PathBuf,
     #[command(flatten)]
     stream: StreamArgs,

@@ -24,8 +24,6 @@ const PERIOD: f64 = 0.1;
 /// Edge of the voxels that thin clouds (m), and most points of a measurement.
 const VOXEL: f64 = 3e-3;
 const POINTS: usize = 600;
-/// Part of a step that whole ticks of servos may take more.
-const ROUNDING: f64 = 1e-6;
 /// Part of a period by which one may be late.
 const LATE: f64 = 0.5;
 /// Most goals between two commands.
@@ -125,24 +123,11 @@ impl<'a> RigPlant<'a> {
     /// Goes to a command in steps that the rig takes, as many as are left of the period, and more where it is far.
     fn go(&mut self, to: &[f64]) -> Result<(), CaptureError> {
         let rig = self.session.rig();
-        let motion = rig.spec().motion.clone();
+        let period = rig.spec().motion.period;
         let left = self.due.saturating_sub(rig.clock().now()).as_secs_f64();
-        let far = (to.iter().zip(&self.command))
-            .map(|(to, from)| (to - from).abs())
-            .fold(0.0, f64::max);
-        let [left, needed] = [left / motion.period, far / (motion.slew * motion.period)];
-        let steps = (left.round().min(self.goals as f64))
-            .max((needed - ROUNDING).ceil())
-            .max(1.0) as usize;
-        for step in 1..=steps {
-            let part = step as f64 / steps as f64;
-            let between = self.command.iter().zip(to);
-            let goal: Vec<f64> = between
-                .map(|(from, to)| from + part * (to - from))
-                .collect();
-            let goal = rig.robot().command(&goal).map_err(RigError::from)?;
-            rig.step(&goal)?;
-        }
+        let steps = ((left / period).round() as usize).min(self.goals);
+        let goal = rig.robot().command(to).map_err(RigError::from)?;
+        rig.move_to_over(&goal, steps, &mut || ControlFlow::Continue(()))?;
         self.command.copy_from_slice(to);
         let (now, period) = (rig.clock().now(), Duration::from_secs_f64(self.period));
         if now > self.due + period.mul_f64(LATE) {

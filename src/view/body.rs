@@ -9,7 +9,7 @@ use tdcr_sim::chain::Configuration;
 use tdcr_sim::contact::{Contact, ContactLaw, ContactSettler, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::pose::Pose;
-use tdcr_sim::robot::{Command, Friction, Loads, Robot, RobotSpec};
+use tdcr_sim::robot::{Command, Loads, Robot, RobotSpec};
 use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
 use tdcr_sim::statics::Equilibrium;
@@ -254,14 +254,6 @@ impl Motion {
 /// The robot with this coefficient of friction in the holes of all tendons.
 fn rubbed(spec: &RobotSpec, coefficient: f64) -> RobotSpec {
     let mut spec = spec.clone();
-    let of_modules = (spec.modules.iter_mut()).filter_map(|module| module.tendons.as_mut());
-    let of_routes = spec.routes.iter_mut().map(|route| &mut route.tendon);
-    for tendon in of_modules.chain(of_routes) {
-        let friction = tendon.friction.unwrap_or(Friction::NONE);
-        tendon.friction = Some(Friction {
-            coefficient,
-            ..friction
-        });
-    }
+    (spec.tendon_specs_mut()).for_each(|tendon| tendon.set_friction(coefficient));
     spec
 }

@@ -455,6 +455,4 @@ fn a_command_is_found_for_a_cloud() {
         1,
         "trained without payloads",
     );
-    let with_tip = ["reach", "--tip", "0,0,0.3", "--steps", "3"];
-    refuse(&with_tip, 2, "cannot be used with");
 }

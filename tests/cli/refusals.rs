@@ -363,3 +363,42 @@ fn a_stream_with_payloads_that_are_no_masses_is_refused() {
         "`payload` is -1:0.03, expected MIN:MAX in kg with 0 <= MIN <= MAX",
     );
 }
+
+/// What an option requires may conflict with what is given; then it would do nothing, and say nothing.
+#[test]
+fn an_option_that_would_do_nothing_is_refused() {
+    let command = "0.034,0.007,0.001,0.026,0.015,0.019";
+    for arguments in [
+        &["settle", "--command", command, "--seed", "3"][..],
+        &["settle", "--commands", "nosuch.csv", "--seed", "3"],
+        &["settle", "--command", command, "--out", "never.csv"],
+        &["settle", "--random", "2", "--out", "never.csv"],
+        &["train", "--data", "nosuch", "--fresh", "3"],
+        &["train", "--data", "nosuch", "--base"],
+        &["train", "--data", "nosuch", "--scene", "nosuch.toml"],
+        &["reach", "--tip", "0,0,0.3", "--steps", "3"],
+        &["reach", "--path", "nosuch.csv", "--start", command],
+        &[
+            "pretension",
+            "--rig",
+            "nosuch.toml",
+            "--current",
+            "0.1",
+            "--step",
+            "3",
+            "--patience",
+            "9",
+        ],
+        &[
+            "jog",
+            "--rig",
+            "nosuch.toml",
+            "--bend",
+            "0.1",
+            "--step",
+            "0.01",
+        ],
+    ] {
+        refuse(arguments, 2, "cannot be used with");
+    }
+}

@@ -12,7 +12,7 @@ use tdcr_sim::contact::{ContactLaw, ContactSettler, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Stepper};
 use tdcr_sim::inverse::recording::{Marker, Servo};
 use tdcr_sim::robot::{
-    Command, CommandError, CommandUnit, Drive, Friction, Loads, Robot, RobotSpec, SpecError,
+    Command, CommandError, CommandUnit, Drive, Loads, Robot, RobotSpec, SpecError,
 };
 use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
@@ -283,16 +283,10 @@ impl SimulatedPlant {
 /// The robot with tendons that may be commanded what servors in error come to, and with friction where there is any.
 fn behind_servos(truth: &Truth) -> Result<Robot, TruthError> {
     let mut spec = truth.robot.clone();
-    let of_modules = (spec.modules.iter_mut()).filter_map(|module| module.tendons.as_mut());
-    let of_routes = spec.routes.iter_mut().map(|route| &mut route.tendon);
-    for tendon in of_modules.chain(of_routes) {
+    for tendon in spec.tendon_specs_mut() {
         tendon.range = [0.0, reach(tendon.drive.unit())];
         if let Physics::WithFriction { coefficient } = truth.physics {
-            let friction = tendon.friction.unwrap_or(Friction::NONE);
-            tendon.friction = Some(Friction {
-                coefficient,
-                ..friction
-            });
+            tendon.set_friction(coefficient);
         }
     }
     Ok(Robot::new(spec)?)

@@ -6,6 +6,9 @@ use tdcr_sim::robot::Command;
 
 use super::{Rig, RigError};
 
+/// Part of a step that one may take more, so that rounding makes no step of its own.
+const ROUNDING: f64 = 1e-6;
+
 impl Rig {
     /// Moves to a command, all tendons on a straight line to it and none faster than the rig's slew. Whether tensions stay within
     /// bounds on the way, the rig's watch alone sees; [`Planner`](crate::plan::Planner) knows ways of which the simulator says so.
@@ -18,6 +21,19 @@ impl Rig {
         command: &Command,
         go_on: &mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<(), RigError> {
+        self.move_to_over(command, 1, go_on)
+    }
+
+    /// As [`move_to`](Self::move_to), in no fewer steps than `least`.
+    ///
+    /// # Errors
+    /// As [`move_to`](Self::move_to).
+    pub fn move_to_over(
+        &mut self,
+        command: &Command,
+        least: usize,
+        go_on: &mut dyn FnMut() -> ControlFlow<()>,
+    ) -> Result<(), RigError> {
         self.goals(command)?;
         let from = self.commanded().ok_or(RigError::Released)?;
         let motion = &self.file.spec.motion;
@@ -26,7 +42,8 @@ impl Rig {
             .map(|(from, to)| (to - from).abs())
             .fold(0.0, f64::max);
         // The last step is of the command itself; a rig that is there already takes it too.
-        let steps = (farthest / reach).ceil().max(1.0) as usize;
+        let needed = (farthest / reach - ROUNDING).ceil();
+        let steps = (needed as usize).max(least).max(1);
         let mut way = Vec::with_capacity(steps);
         for step in 1..steps {
             let part = step as f64 / steps as f64;

@@ -8,9 +8,7 @@
 use tdcr_sim::dynamics::{DynamicsError, Integrator};
 use tdcr_sim::pose::Pose;
 use tdcr_sim::render::{BaseVisibility, Visuals};
-use tdcr_sim::robot::{
-    Drive, Friction, Loads, LoadsError, Pull, Robot, RobotSpec, SpecError, TendonSpec,
-};
+use tdcr_sim::robot::{Drive, Loads, LoadsError, Pull, Robot, RobotSpec, SpecError, TendonSpec};
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
 use tdcr_sim::statics::Settler;
 use tdcr_sim::tendon_friction::FrictionPath;
@@ -292,9 +290,7 @@ fn driven_by_spools(setup: &PlantSetup) -> Result<Robot, PlantError> {
         within("coefficient of friction", coefficient, FRICTIONS)?;
     }
     let mut spec = setup.robot.clone();
-    let of_modules = (spec.modules.iter_mut()).filter_map(|module| module.tendons.as_mut());
-    let of_routes = spec.routes.iter_mut().map(|route| &mut route.tendon);
-    for tendon in of_modules.chain(of_routes) {
+    for tendon in spec.tendon_specs_mut() {
         let stiffness = setup.stiffness.unwrap_or_else(|| own_stiffness(tendon));
         tendon.drive = Drive::Gain(stiffness);
         tendon.axial_stiffness = None;
@@ -303,10 +299,7 @@ fn driven_by_spools(setup: &PlantSetup) -> Result<Robot, PlantError> {
         tendon.range = REACH;
         tendon.pull = Pull::TensionOnly;
         if let Physics::WithFriction { coefficient } = setup.physics {
-            tendon.friction = Some(Friction {
-                coefficient,
-                contact_stiffness: tendon.friction.map_or(1e5, |f| f.contact_stiffness),
-            });
+            tendon.set_friction(coefficient);
         }
     }
     Ok(Robot::new(spec)?)

@@ -1,6 +1,8 @@
 //! Many simulated robots, advanced by one call: what the Gymnasium environments run on.
 
+mod observation;
 mod row;
+mod shown;
 mod sight;
 
 use nalgebra::Vector3;
@@ -14,7 +16,8 @@ use crate::errors::{Failure, Outcome};
 use crate::robot::Robot;
 use crate::run;
 use crate::scene::Scene;
-use row::{Asked, Motion, Observed, Row, Scale};
+use observation::{Observed, Scale};
+use row::{Asked, Motion, Row};
 
 /// Robots of one size, each with a state of its own, advanced by one call.
 ///

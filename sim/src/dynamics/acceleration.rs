@@ -200,8 +200,9 @@ impl EquationsOfMotion {
     }
 
     /// Writes the change of the joints' rates by `reactions` (rad/s, world axes), in the posture and with the payload of the last
-    /// state: the solution `w` of `(M + forms) w = impulses`, `armatures` part of the mass matrix `M`. O(n) time.
-    pub fn respond(
+    /// state: the solution `w` of `(M + forms) w = impulses`, `armatures` part of the mass matrix `M`. O(n) time. What is kept (`KEEPS`)
+    /// serves [`respond_again`](Self::respond_again).
+    pub fn respond<const KEEPS: bool>(
         &mut self,
         armatures: &[Vector3<f64>],
         reactions: &[Reaction],
@@ -218,27 +219,7 @@ impl EquationsOfMotion {
         };
         // The last state's torques have been used: the chain is at rest but for the impulses.
         self.torques.fill(Vector3::zeros());
-        (self.bodies).react(&chain, armatures, &self.torques, reactions, out);
-    }
-
-    /// The same, to be followed by [`respond_again`](Self::respond_again).
-    pub fn respond_keeping(
-        &mut self,
-        armatures: &[Vector3<f64>],
-        reactions: &[Reaction],
-        out: &mut [Vector3<f64>],
-    ) {
-        let still = self.still.iter_mut().zip(&self.motions);
-        still.for_each(|(still, motion)| still.arm = motion.arm);
-        let chain = MovingChain {
-            links: &self.links,
-            payload: &self.payload,
-            orientations: &self.posture.chain.orientations[1..],
-            motions: &self.still,
-            hinges: &self.posture.chain.hinges,
-        };
-        self.torques.fill(Vector3::zeros());
-        (self.bodies).react_keeping(&chain, armatures, &self.torques, reactions, out);
+        (self.bodies).react::<KEEPS>(&chain, armatures, &self.torques, reactions, out);
     }
 
     /// The same of the impulses of other `reactions`, with the forms of those before.

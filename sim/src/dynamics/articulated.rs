@@ -82,11 +82,12 @@ impl ArticulatedBodies {
         torques: &[Vector3<f64>],
         out: &mut [Vector3<f64>],
     ) {
-        self.react(chain, armatures, torques, &[], out);
+        self.react::<false>(chain, armatures, torques, &[], out);
     }
 
-    /// The same with what the surroundings do to each disc, a linear law of its acceleration; an empty list is nothing.
-    pub fn react(
+    /// The same with what the surroundings do to each disc, a linear law of its acceleration; an empty list is nothing. What is kept
+    /// (`KEEPS`) serves [`react_again`](Self::react_again).
+    pub fn react<const KEEPS: bool>(
         &mut self,
         chain: &MovingChain,
         armatures: &[Vector3<f64>],
@@ -94,20 +95,7 @@ impl ArticulatedBodies {
         reactions: &[Reaction],
         out: &mut [Vector3<f64>],
     ) {
-        self.gather::<false>(chain, armatures, torques, reactions);
-        self.spread(chain.motions, out);
-    }
-
-    /// The same, to be followed by [`react_again`](Self::react_again).
-    pub fn react_keeping(
-        &mut self,
-        chain: &MovingChain,
-        armatures: &[Vector3<f64>],
-        torques: &[Vector3<f64>],
-        reactions: &[Reaction],
-        out: &mut [Vector3<f64>],
-    ) {
-        self.gather::<true>(chain, armatures, torques, reactions);
+        self.gather::<KEEPS>(chain, armatures, torques, reactions);
         self.spread(chain.motions, out);
     }
 

@@ -85,8 +85,9 @@ impl Stepper {
         }
     }
 
-    /// Writes the change of the joints' rates by `reactions`, one for each disc (rad/s, world axes). Not finite where there is none.
-    pub(crate) fn respond(
+    /// Writes the change of the joints' rates by `reactions`, one for each disc (rad/s, world axes). Not finite where there is none. What
+    /// is kept (`KEEPS`) serves [`respond_again`](Self::respond_again).
+    pub(crate) fn respond<const KEEPS: bool>(
         &mut self,
         loads: &Loads,
         resistance: Resistance,
@@ -105,26 +106,7 @@ impl Stepper {
             Resistance::Step => &self.armatures,
             Resistance::Inertia => &self.bare,
         };
-        self.equations.respond(armatures, reactions, out);
-    }
-
-    /// As [`respond`](Self::respond), to be followed by [`respond_again`](Self::respond_again).
-    pub(crate) fn respond_keeping(
-        &mut self,
-        loads: &Loads,
-        resistance: Resistance,
-        reactions: &[Reaction],
-        out: &mut [Vector3<f64>],
-    ) {
-        if self.implicit && resistance == Resistance::Step {
-            self.respond(loads, resistance, reactions, out);
-            return;
-        }
-        let armatures = match resistance {
-            Resistance::Step => &self.armatures,
-            Resistance::Inertia => &self.bare,
-        };
-        self.equations.respond_keeping(armatures, reactions, out);
+        (self.equations).respond::<KEEPS>(armatures, reactions, out);
     }
 
     /// Writes the change of the joints' rates by the impulses of other `reactions`, with the forms of those that were kept last.

@@ -149,6 +149,12 @@ impl RobotSpec {
         self.modules.iter().map(of_module).sum::<usize>() + self.routes.len()
     }
 
+    /// What tendons are specified as: those of each module that has some, then those of each route.
+    pub fn tendon_specs_mut(&mut self) -> impl Iterator<Item = &mut TendonSpec> {
+        let of_modules = (self.modules.iter_mut()).filter_map(|module| module.tendons.as_mut());
+        of_modules.chain(self.routes.iter_mut().map(|route| &mut route.tendon))
+    }
+
     /// What each tendon is specified as, in a command's order: modules share one among their tendons.
     pub fn tendons(&self) -> Vec<&TendonSpec> {
         let of_modules =

@@ -71,6 +71,14 @@ impl Friction {
 }
 
 impl TendonSpec {
+    /// Gives the tendon a coefficient of friction, on contacts as stiff as they were.
+    pub fn set_friction(&mut self, coefficient: f64) {
+        self.friction = Some(Friction {
+            coefficient,
+            ..self.friction.unwrap_or(Friction::NONE)
+        });
+    }
+
     /// Whether a command leaves the tendon a stretch: by its drive's gain, or by its own axial stiffness.
     pub fn stretches(&self) -> bool {
         match self.drive {

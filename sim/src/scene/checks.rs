@@ -27,17 +27,21 @@ pub(super) fn length(obstacle: &str, field: &str, value: f64) -> Result<(), Scen
 
 /// A point (m).
 pub(super) fn point(obstacle: &str, field: &str, value: &[f64; 3]) -> Result<(), SceneError> {
-    match value.iter().all(|x| x.abs() <= LARGEST_LENGTH) {
+    let expected = "finite coordinates of at most 1e6 m";
+    within(obstacle, field, value, LARGEST_LENGTH, expected)
+}
+
+/// Three numbers that are `largest` at most.
+fn within(
+    obstacle: &str,
+    field: &str,
+    value: &[f64; 3],
+    largest: f64,
+    expected: &'static str,
+) -> Result<(), SceneError> {
+    match value.iter().all(|x| x.abs() <= largest) {
         true => Ok(()),
-        false => {
-            let value = format!("{value:?}");
-            Err(refuse(
-                obstacle,
-                field,
-                value,
-                "finite coordinates of at most 1e6 m",
-            ))
-        }
+        false => Err(refuse(obstacle, field, format!("{value:?}"), expected)),
     }
 }
 
@@ -100,18 +104,8 @@ pub(super) fn is_direction(axis: &[f64; 3]) -> bool {
 
 /// Components of a velocity (m/s or rad/s).
 pub(super) fn velocity(obstacle: &str, field: &str, value: &[f64; 3]) -> Result<(), SceneError> {
-    match value.iter().all(|x| x.abs() <= LARGEST_SPEED) {
-        true => Ok(()),
-        false => {
-            let value = format!("{value:?}");
-            Err(refuse(
-                obstacle,
-                field,
-                value,
-                "finite components of at most 1e4",
-            ))
-        }
-    }
+    let expected = "finite components of at most 1e4";
+    within(obstacle, field, value, LARGEST_SPEED, expected)
 }
 
 /// A pose by a position (m) and a quaternion (w, x, y, z).

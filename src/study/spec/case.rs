@@ -1,17 +1,13 @@
 //! From values of variables to a robot, its command and its loads.
 
 use serde_json::Value;
-use tdcr_sim::robot::{
-    Backbone, Command, Frame, Friction, Loads, PerDisc, Robot, RobotSpec, Wrench,
-};
+use tdcr_sim::robot::{Backbone, Command, Frame, Loads, PerDisc, Robot, RobotSpec, Wrench};
 
 use tdcr_sim::scene::Scene;
 
 use super::Study;
 use super::variable::{Place, Setting, Target, Variable};
 
-/// Stiffness of a sticking contact where a robot file says none (N/m), as in robot files.
-const CONTACT_STIFFNESS: f64 = 1e5;
 /// Most modules of a study: as many discs as a robot may have.
 const MOST: usize = 1000;
 
@@ -79,16 +75,7 @@ fn change(
         }
         Target::Friction => {
             let coefficient = number(value)?;
-            let of_modules = spec.modules.iter_mut().filter_map(|m| m.tendons.as_mut());
-            for tendon in of_modules.chain(spec.routes.iter_mut().map(|route| &mut route.tendon)) {
-                let contact_stiffness = tendon
-                    .friction
-                    .map_or(CONTACT_STIFFNESS, |f| f.contact_stiffness);
-                tendon.friction = Some(Friction {
-                    coefficient,
-                    contact_stiffness,
-                });
-            }
+            (spec.tendon_specs_mut()).for_each(|tendon| tendon.set_friction(coefficient));
         }
         Target::Field(field) => spec = field.set(&spec, value)?,
         Target::Every(kind) => {

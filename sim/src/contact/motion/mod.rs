@@ -301,7 +301,7 @@ impl ContactStepper {
             Resistance::Step => self.change.copy_from_slice(&self.problem.change),
             Resistance::Inertia => {
                 let impulses = self.problem.impulses();
-                stepper.respond(loads, Resistance::Step, impulses, &mut self.change);
+                stepper.respond::<false>(loads, Resistance::Step, impulses, &mut self.change);
             }
         }
     }

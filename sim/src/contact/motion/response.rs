@@ -16,11 +16,11 @@ pub(super) struct StepResponse<'a> {
 
 impl Responds for StepResponse<'_> {
     fn respond(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
-        (self.stepper).respond(self.loads, self.resistance, reactions, out);
+        (self.stepper).respond::<false>(self.loads, self.resistance, reactions, out);
     }
 
     fn respond_keeping(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
-        (self.stepper).respond_keeping(self.loads, self.resistance, reactions, out);
+        (self.stepper).respond::<true>(self.loads, self.resistance, reactions, out);
     }
 
     fn respond_again(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]) {
@@ -45,7 +45,7 @@ pub(super) fn mobilities_of(stepper: &mut Stepper) -> Result<Vec<f64>, DynamicsE
             let mut reactions = vec![Reaction::default(); n];
             let impulse = Vector3::ith(axis, 1.0);
             reactions[disc].push(&arm, &impulse, &Matrix3::zeros());
-            stepper.respond(&loads, Resistance::Inertia, &reactions, &mut change);
+            stepper.respond::<false>(&loads, Resistance::Inertia, &reactions, &mut change);
             velocities.set(&chain.centres, &change);
             velocities.of(disc, &arm)[axis]
         });
