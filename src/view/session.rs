@@ -14,7 +14,7 @@ use tokio::sync::mpsc::Sender;
 
 use super::body::{BEAT, Body, TIMESTEP};
 use super::desk::RigLimits;
-use super::drag::lead;
+use super::drag::Hand;
 use super::error::RequestError;
 use super::exhibit::Exhibit;
 use super::frame::Frame;
@@ -37,6 +37,7 @@ pub(super) struct Session {
     pub(super) command: Command,
     pub(super) frame: Frame,
     pub(super) over: Over,
+    pub(super) hand: Hand,
 }
 
 /// What a request has changed.
@@ -76,6 +77,7 @@ pub(super) fn run(
             return;
         };
         waiting.extend(inbox.try_iter());
+        let asked = !waiting.is_empty();
         let mut waiting = waiting.into_iter().peekable();
         while let Some(input) = waiting.next() {
             if waiting.peek().is_some_and(|later| overtakes(later, &input)) {
@@ -85,7 +87,11 @@ pub(super) fn run(
                 return;
             }
         }
-        if session.moves() && Instant::now() >= beat {
+        if asked && !session.moves() {
+            // A disc that was led for a frame is led on in the next one.
+            beat = Instant::now() + BEAT;
+        }
+        if session.goes_on() && Instant::now() >= beat {
             beat = Instant::now() + BEAT;
             if !session.go_on(&mut answer) {
                 return;
@@ -134,6 +140,7 @@ impl Session {
             command,
             frame: Frame::default(),
             over: Over::default(),
+            hand: Hand::default(),
         };
         session.frame.solve = begun.elapsed().as_secs_f64();
         Ok(session)
@@ -144,9 +151,14 @@ impl Session {
         matches!(self.body, Body::InMotion(_))
     }
 
-    /// What comes next: nothing, where the robot is in motion and its time to go on has come. `None` once the page is gone.
+    /// Whether there is something to do without being asked: a motion, or a disc that is on its way.
+    fn goes_on(&self) -> bool {
+        self.moves() || self.hand.leads()
+    }
+
+    /// What comes next: nothing, where the robot goes on by itself and its time to do so has come. `None` once the page is gone.
     fn wait(&self, inbox: &Receiver<Input>, beat: Instant) -> Option<Vec<Input>> {
-        if !self.moves() {
+        if !self.goes_on() {
             return inbox.recv().ok().map(|input| vec![input]);
         }
         let left = beat.saturating_duration_since(Instant::now());
@@ -160,6 +172,10 @@ impl Session {
     /// Lets the robot go on in time, and shows it; whether the page is still there.
     fn go_on(&mut self, answer: &mut impl FnMut(Output) -> bool) -> bool {
         let begun = Instant::now();
+        if self.hand.leads() {
+            // Where the disc can be led no further it stays.
+            drop(self.lead());
+        }
         if let Err(error) = self.body.go_on(&self.command, &self.all_loads) {
             let reason = format!("{error}; the robot is shown at rest from here");
             let of = Refused::Request;
@@ -242,6 +258,9 @@ impl Session {
         if matches!(self.body, Body::Posed(_)) && !matches!(request, Request::Predict { .. }) {
             self.body = Body::AtRest;
         }
+        if !matches!(request, Request::Pictures | Request::Predict { .. }) {
+            self.hand.let_go();
+        }
         match request {
             Request::Command { command } => {
                 self.follow(self.robot.command(&command)?)?;
@@ -254,12 +273,8 @@ impl Session {
                 if !to.iter().all(|x| x.is_finite()) {
                     return Err(RequestError::Place(to));
                 }
-                if self.moves() {
-                    self.settler.follow(&self.command, &self.all_loads)?;
-                }
-                let (command, to) = (self.command.clone(), Vector3::from(to));
-                self.command = lead(&mut self.settler, command, &self.all_loads, disc, to)?;
-                self.body.advance(&self.command, &self.all_loads);
+                self.hand.take(disc, Vector3::from(to));
+                self.lead()?;
             }
             Request::Push { disc, force } => {
                 self.check_disc(disc)?;
@@ -302,8 +317,26 @@ impl Session {
         Ok(changed)
     }
 
+    /// Leads the disc that is dragged for a frame.
+    fn lead(&mut self) -> Result<(), RequestError> {
+        if self.moves() {
+            self.settler.follow(&self.command, &self.all_loads)?;
+        }
+        let command = self.command.clone();
+        match (self.hand).lead(&mut self.settler, command, &self.all_loads) {
+            Ok(led) => self.command = led,
+            Err(error) => {
+                self.hand.let_go();
+                return Err(error.into());
+            }
+        }
+        self.body.advance(&self.command, &self.all_loads);
+        Ok(())
+    }
+
     /// Shows what the program gives.
     fn take(&mut self, given: &Given) -> Result<(), RequestError> {
+        self.hand.let_go();
         match given {
             Given::Command(command) => {
                 if matches!(self.body, Body::Posed(_)) {
