@@ -7,8 +7,10 @@ pub(super) enum Kind {
     Frame,
     /// Points and their colours.
     Cloud,
-    /// A picture of a camera, as pixels.
+    /// A picture that the page asked for, as pixels.
     Picture,
+    /// A picture that a camera took: of a rig, or of a recording.
+    Taken,
 }
 
 impl Kind {

@@ -29,7 +29,7 @@ pub(super) struct Over {
     pub recorded: Option<usize>,
     /// What may be asked of the rig that the robot is of.
     rig: Option<Arc<RigLimits>>,
-    /// Number of the rig's cloud that the page has.
+    /// Number of the look at the rig that the page has.
     pub measured: Option<u64>,
 }
 

@@ -1,5 +1,7 @@
 //! Requests on what is shown over the robot.
 
+use std::iter;
+
 use tdcr_learn::data::Recipe;
 use tdcr_sim::cloud::{Observer, VoxelGrid};
 use tdcr_sim::render::BaseVisibility;
@@ -8,6 +10,7 @@ use super::cloud::{About, Role, bytes};
 use super::desk::{PageId, Seen};
 use super::error::RequestError;
 use super::message::{Armed, Reply};
+use super::pictures;
 use super::post::Output;
 use super::session::Session;
 use super::twin::apart;
@@ -119,8 +122,8 @@ impl Session {
         if !(told && answer(self.show(stamp))) {
             return false;
         }
-        match &seen.cloud {
-            Some((number, cloud)) if self.over.measured != Some(*number) => {
+        match &seen.look {
+            Some((number, look)) if self.over.measured != Some(*number) => {
                 self.over.measured = Some(*number);
                 let grid = VoxelGrid::new(Recipe::default().voxel_size);
                 let mut observer = Observer::new(&self.robot, BaseVisibility::Hidden, grid);
@@ -129,7 +132,9 @@ impl Session {
                     distance: apart(&cloud.points, &simulated.points).ok(),
                     ..About::default()
                 };
-                answer(Output::Numbers(bytes(Role::Measured, cloud, about)))
+                let mut messages =
+                    iter::once(bytes(Role::Measured, cloud, about)).chain(look.pictures.clone());
+                messages.all(|message| answer(Output::Numbers(message)))
             }
             _ => true,
         }
@@ -146,5 +151,6 @@ impl Session {
             found.loads,
             found.command,
         )?)
+                let cloud = &look.cloud;
     }
 }

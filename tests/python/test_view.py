@@ -264,6 +264,14 @@ def test_a_rig_is_armed_in_the_page_bent_and_let_go(browser, tmp_path):
         wait_for(page, "tip", lambda tip: np.linalg.norm(tip - home) > 5e-3)
         wait_for(page, "measured", lambda points: points[0] > 100)
         picture(page, "view-rig.png")
+        page.wait_for_selector("body[data-taken='2']", state="attached")
+        coloured = page.locator("#taken canvas").first.evaluate(
+            """(canvas) => {
+                const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+                return data.filter((value, index) => index % 4 === 0 && value > 127).length;
+            }"""
+        )
+        assert 50 < coloured < 160 * 120 / 4
         page.click("#rig-arm")
         page.wait_for_selector("body[data-armed=no]", state="attached", timeout=60_000)
 

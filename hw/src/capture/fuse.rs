@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tdcr_sim::cloud::{PointCloud, VoxelGrid};
 
 use crate::camera::Stamped;
-use crate::mask::{MaskError, Masker, Shot};
+use crate::mask::{Mask, MaskError, Masker, Shot};
 use crate::rig::Pictures;
 
 /// Keeps what is the robot in the pictures of all cameras, and fuses it, in voxels.
@@ -25,9 +25,20 @@ pub(super) fn masked(
     pictures: &Pictures,
     sample: usize,
 ) -> Result<Pictures, MaskError> {
+    only(&masks(masker, pictures, sample)?, pictures)
+}
+
+/// What `masker` takes for the robot in each picture of sample number `sample`.
+fn masks(masker: &dyn Masker, pictures: &Pictures, sample: usize) -> Result<Vec<Mask>, MaskError> {
     let frames = pictures.frames.iter().enumerate();
-    let frames = frames.map(|(view, frame)| {
-        let mask = masker.mask(&frame.value, Shot { view, sample })?;
+    let masks = frames.map(|(view, frame)| masker.mask(&frame.value, Shot { view, sample }));
+    masks.collect()
+}
+
+/// The pictures without the depth of what is not in their masks.
+fn only(masks: &[Mask], pictures: &Pictures) -> Result<Pictures, MaskError> {
+    let frames = pictures.frames.iter().zip(masks);
+    let frames = frames.map(|(frame, mask)| {
         Ok(Stamped {
             time: frame.time,
             value: mask.applied(&frame.value)?,
@@ -46,6 +57,26 @@ impl Fuser {
     /// [`MaskError`].
     pub fn keep_robot(&self, pictures: &Pictures, sample: usize) -> Result<Pictures, MaskError> {
         masked(&self.masker, pictures, sample)
+    }
+
+    /// What shows the robot in each of the pictures, of sample number `sample`.
+    ///
+    /// # Errors
+    /// [`MaskError`].
+    pub fn masks(&self, pictures: &Pictures, sample: usize) -> Result<Vec<Mask>, MaskError> {
+        masks(&self.masker, pictures, sample)
+    }
+
+    /// The cloud of what is in the masks of pictures.
+    ///
+    /// # Errors
+    /// [`MaskError::Size`] for a mask that is not of its picture's size.
+    pub fn fuse_masked(
+        &self,
+        pictures: &Pictures,
+        masks: &[Mask],
+    ) -> Result<PointCloud, MaskError> {
+        Ok(self.fuse(&only(masks, pictures)?))
     }
 
     /// The cloud of pictures in which all but the robot has no depth.

@@ -13,6 +13,7 @@ use tokio::sync::watch;
 
 use super::orders::{Orders, PageId};
 use super::{Due, servos};
+use crate::view::pictures;
 use crate::view::recording::Servo;
 
 /// Time between two clouds.
@@ -45,10 +46,19 @@ pub(in crate::view) struct Seen {
     pub servos: Vec<Servo>,
     /// The command that their positions stand for (m); none where they are not known.
     pub command: Option<Vec<f64>>,
-    /// The last cloud, and its number.
-    pub cloud: Option<(u64, Arc<PointCloud>)>,
+    /// What the cameras last saw, and its number.
+    pub look: Option<(u64, Arc<Look>)>,
     /// What was last said, to one page or to all, and its number.
     pub said: Option<(u64, Option<PageId>, String)>,
+}
+
+/// What the cameras of the rig see.
+#[derive(Clone, Debug)]
+pub(in crate::view) struct Look {
+    /// The robot (m, world).
+    pub cloud: PointCloud,
+    /// What each camera shows, and what of it is taken for the robot, as messages.
+    pub pictures: Vec<Vec<u8>>,
 }
 
 /// Looks at the rig.
@@ -175,19 +185,22 @@ impl Sight {
         }
     }
 
-    /// Fuses a cloud, now and then.
+    /// Takes pictures and fuses them to a cloud, now and then; the servos are looked at meanwhile.
     fn fuse(&mut self, rig: &mut Rig) -> Result<(), CaptureError> {
         if rig.cameras().is_empty() || !self.next_cloud.comes(CLOUDS) {
             return Ok(());
         }
         let pictures = rig.grab()?;
         let fuser = &self.fuser;
-        let cloud = rig.hold_while(|| {
-            let robot = fuser.keep_robot(&pictures, 0)?;
-            Ok::<_, CaptureError>(fuser.fuse(&robot))
+        let look = rig.hold_while(|| {
+            let masks = fuser.masks(&pictures, 0)?;
+            Ok::<_, CaptureError>(Look {
+                cloud: fuser.fuse_masked(&pictures, &masks)?,
+                pictures: pictures::masked(&pictures, &masks),
+            })
         })??;
-        let number = self.seen.cloud.as_ref().map_or(0, |(number, _)| number + 1);
-        self.seen.cloud = Some((number, Arc::new(cloud)));
+        let number = self.seen.look.as_ref().map_or(0, |(number, _)| number + 1);
+        self.seen.look = Some((number, Arc::new(look)));
         self.publish();
         Ok(())
     }

@@ -1,36 +1,27 @@
-// What the robot's cameras see, drawn when they are asked to look, or again and again.
+// What the robot's cameras see, drawn when they are asked to look, or again and again; and what the cameras of a rig took.
 
 /** Time between two looks (ms). */
 const PAUSE = 250;
 
-export class Cameras {
-  /**
-   * @param {{section: HTMLDetailsElement, pictures: HTMLElement, live: HTMLInputElement, look: HTMLButtonElement}} places
-   * @param {() => void} ask
-   */
-  constructor(places, ask) {
-    this.places = places;
-    this.ask = ask;
-    /** @type {HTMLCanvasElement[]} */
-    this.canvases = [];
-    places.look.onclick = ask;
-    places.live.onchange = () => { if (places.live.checked) ask(); };
-    places.section.ontoggle = () => { if (places.section.open) ask(); };
+/** Pictures side by side. */
+export class Pictures {
+  /** @param {HTMLElement} place */
+  constructor(place) {
+    this.place = place;
+    this.clear();
   }
 
-  /** @param {import("./link.js").Layout} layout */
-  show(layout) {
-    this.places.section.hidden = layout.cameras === 0;
-    this.places.pictures.replaceChildren();
+  clear() {
+    /** @type {HTMLCanvasElement[]} */
     this.canvases = [];
-    if (this.places.section.open) this.ask();
+    this.place.replaceChildren();
   }
 
   /** @param {import("./link.js").Picture} picture */
   draw({ index, count, width, height, pixels }) {
     if (this.canvases.length !== count) {
       this.canvases = Array.from({ length: count }, () => document.createElement("canvas"));
-      this.places.pictures.replaceChildren(...this.canvases);
+      this.place.replaceChildren(...this.canvases);
     }
     const canvas = this.canvases[index];
     Object.assign(canvas, { width, height, title: `camera ${index + 1}` });
@@ -40,8 +31,35 @@ export class Cameras {
       image.data[4 * pixel + 3] = 255;
     }
     canvas.getContext("2d")?.putImageData(image, 0, 0);
-    if (index < count - 1) return;
-    document.body.dataset.pictures = String(count);
+  }
+}
+
+export class Cameras {
+  /**
+   * @param {{section: HTMLDetailsElement, pictures: HTMLElement, live: HTMLInputElement, look: HTMLButtonElement}} places
+   * @param {() => void} ask
+   */
+  constructor(places, ask) {
+    this.places = places;
+    this.ask = ask;
+    this.pictures = new Pictures(places.pictures);
+    places.look.onclick = ask;
+    places.live.onchange = () => { if (places.live.checked) ask(); };
+    places.section.ontoggle = () => { if (places.section.open) ask(); };
+  }
+
+  /** @param {import("./link.js").Layout} layout */
+  show(layout) {
+    this.places.section.hidden = layout.cameras === 0;
+    this.pictures.clear();
+    if (this.places.section.open) this.ask();
+  }
+
+  /** @param {import("./link.js").Picture} picture */
+  draw(picture) {
+    this.pictures.draw(picture);
+    if (picture.index < picture.count - 1) return;
+    document.body.dataset.pictures = String(picture.count);
     const { live, section } = this.places;
     setTimeout(() => { if (live.checked && section.open) this.ask(); }, PAUSE);
   }

@@ -34,7 +34,7 @@
  */
 
 /** What a message of numbers holds, by its first number: `Kind` in `src/view/frame.rs`. */
-const KIND = { frame: 0, cloud: 1, picture: 2 };
+const KIND = { frame: 0, cloud: 1, picture: 2, taken: 3 };
 /** @type {Physics[]} */
 const PHYSICS = ["at_rest", "with_friction", "in_motion", "given"];
 /** @type {Role[]} */
@@ -97,7 +97,7 @@ function cloud(buffer) {
 export class Link {
   /**
    * @param {{robot: (layout: Layout) => void, frame: (frame: Frame, trip: number) => void,
-   *   picture: (picture: Picture) => void, cloud: (cloud: Cloud) => void, overlays: (overlays: Overlays) => void,
+   *   picture: (picture: Picture) => void, taken: (picture: Picture) => void, cloud: (cloud: Cloud) => void, overlays: (overlays: Overlays) => void,
    *   moment: (moment: Moment) => void, rig: (rig: Rig) => void, refused: (of: string, reason: string) => void, lost: () => void}} heard
    */
   constructor(heard) {
@@ -154,6 +154,9 @@ export class Link {
       }
     } else if (new Float64Array(data, 0, 1)[0] === KIND.cloud) {
       this.heard.cloud(cloud(data));
+      return;
+    } else if (new Float64Array(data, 0, 1)[0] === KIND.taken) {
+      this.heard.taken(picture(data));
       return;
     } else if (new Float64Array(data, 0, 1)[0] === KIND.picture) {
       const seen = picture(data);

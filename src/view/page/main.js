@@ -1,6 +1,6 @@
 // The page: a stage, controls and read-outs on one link to the solver.
 
-import { Cameras } from "./cameras.js";
+import { Cameras, Pictures } from "./cameras.js";
 import { Controls } from "./controls.js";
 import { Link } from "./link.js";
 import { Log, Network, Samples } from "./overlays.js";
@@ -55,6 +55,11 @@ const link = new Link({
     say("");
   },
   picture: (picture) => cameras.draw(picture),
+  taken(picture) {
+    taken.draw(picture);
+    get("taken-section").hidden = false;
+    document.body.dataset.taken = String(picture.count);
+  },
   overlays(overlays) {
     samples.show(overlays.data);
     log.show(overlays.log);
@@ -135,6 +140,8 @@ const samples = new Samples((split, index) => { begin(); link.ask({ type: "sampl
 const network = new Network((on) => link.ask({ type: "predict", on }), () => stage.hide("prediction"));
 const log = new Log((time) => link.ask({ type: "moment", time }));
 const file = new RobotFile(
+const taken = new Pictures(get("taken"));
+
   { text: get("toml"), error: get("toml-error"), mark: get("toml-mark"), section: get("robot-section") },
   (toml) => link.ask({ type: "robot", toml }),
 );
