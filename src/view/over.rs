@@ -27,6 +27,8 @@ pub(super) struct Over {
     last: Option<(Vec<f64>, f64, [f64; 3])>,
     /// Number of the cloud of the recording that the page has.
     pub recorded: Option<usize>,
+    /// Numbers of the recording's pictures that the page has, of each camera.
+    pub taken: Vec<Option<usize>>,
     /// What may be asked of the rig that the robot is of.
     rig: Option<Arc<RigLimits>>,
     /// Number of the look at the rig that the page has.

@@ -12,6 +12,7 @@ use super::error::RequestError;
 use super::message::{Armed, Reply};
 use super::pictures;
 use super::post::Output;
+use super::recording::Recording;
 use super::session::Session;
 use super::twin::apart;
 
@@ -82,7 +83,30 @@ impl Session {
                 About::default(),
             )));
         }
+        self.show_pictures(&log, time, answer);
         Ok(())
+    }
+
+    /// Sends the pictures of a recording at a time (s) that the page does not have yet.
+    fn show_pictures(
+        &mut self,
+        log: &Recording,
+        time: f64,
+        answer: &mut impl FnMut(Output) -> bool,
+    ) {
+        let wanted = log.pictures_at(time);
+        let count = wanted.len();
+        self.over.taken.resize(count, None);
+        for (camera, &number) in wanted.iter().enumerate() {
+            let is_new = self.over.taken[camera] != number;
+            let picture = number.filter(|_| is_new);
+            if let Some(image) = picture.and_then(|number| log.picture(camera, number)) {
+                let size = [image.width, image.height];
+                let message = pictures::thinned([camera, count], size, |at| image.pixels[at]);
+                answer(Output::Numbers(message));
+            }
+        }
+        self.over.taken = wanted;
     }
 
     /// Shows the rig: the robot where its servos stand, what they do, and its cloud where it is another one than before; whether the
@@ -125,6 +149,7 @@ impl Session {
         match &seen.look {
             Some((number, look)) if self.over.measured != Some(*number) => {
                 self.over.measured = Some(*number);
+                let cloud = &look.cloud;
                 let grid = VoxelGrid::new(Recipe::default().voxel_size);
                 let mut observer = Observer::new(&self.robot, BaseVisibility::Hidden, grid);
                 let simulated = observer.observe(self.body.show(&self.settler).pose);
@@ -151,6 +176,5 @@ impl Session {
             found.loads,
             found.command,
         )?)
-                let cloud = &look.cloud;
     }
 }

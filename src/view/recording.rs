@@ -1,10 +1,16 @@
-//! A log as a robot over time: what was asked of its tendons, what its servos did, and the clouds that were seen.
+//! A log as a robot over time: what was asked of its tendons, what its servos did, the clouds that were seen, and the pictures of
+//! cameras. Pictures stay in the file, and are read when they are shown.
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::Serialize;
-use tdcr_hw::log::{DecodeError, Entry, Level, LogError, LogReader, LogRecord, Topic};
+use tdcr_hw::log::{
+    DecodeError, Entry, Image, Level, LogError, LogReader, LogRecord, Place, Topic,
+};
 use tdcr_sim::cloud::PointCloud;
 use thiserror::Error;
 
@@ -20,10 +26,23 @@ pub struct Recording {
     servos: Vec<(f64, Vec<Servo>)>,
     clouds: Vec<(f64, PointCloud)>,
     events: Vec<Happened>,
+    /// The colour pictures of each camera, in the order in which cameras come.
+    cameras: Vec<Filmed>,
+    file: Option<PictureFile>,
     /// Clouds that were left out.
     omitted: usize,
     /// Time of the last message.
     end: f64,
+}
+
+/// The log that pictures are read from.
+type PictureFile = Arc<Mutex<LogReader<BufReader<File>>>>;
+
+/// The pictures of a camera.
+#[derive(Clone, Debug)]
+struct Filmed {
+    serial: String,
+    pictures: Vec<(f64, Place)>,
 }
 
 /// What a servo did.
@@ -93,7 +112,7 @@ pub enum RecordingError {
     },
     /// There is nothing of a robot in it.
     #[error(
-        "{} has neither commands nor states of servos nor clouds; expected the log of a rig",
+        "{} has neither commands nor states of servos nor clouds nor pictures; expected the log of a rig",
         path.display()
     )]
     Nothing {
@@ -127,8 +146,13 @@ impl Recording {
             let first = *first.get_or_insert(message.log_time);
             let time = message.log_time.saturating_sub(first) as f64 * 1e-9;
             found.end = found.end.max(time);
-            if !Topic::parse(&message.channel.topic).is_some_and(|topic| is_wanted(&topic)) {
-                continue;
+            match Topic::parse(&message.channel.topic) {
+                Some(Topic::Color(serial)) => {
+                    found.film(&serial).push((time, reader.place()));
+                    continue;
+                }
+                Some(topic) if is_wanted(&topic) => {}
+                _ => continue,
             }
             let record = LogRecord::decode(&message.channel, &message.data);
             let record = record.map_err(|source| RecordingError::Message {
@@ -182,11 +206,26 @@ impl Recording {
                 _ => {}
             }
         }
-        if found.commands.is_empty() && found.servos.is_empty() && found.clouds.is_empty() {
+        let is_empty = found.commands.is_empty() && found.servos.is_empty();
+        if is_empty && found.clouds.is_empty() && found.cameras.is_empty() {
             let path = path.to_owned();
             return Err(RecordingError::Nothing { path });
         }
+        found.file = Some(Arc::new(Mutex::new(reader)));
         Ok(found)
+    }
+
+    /// The pictures of a camera.
+    fn film(&mut self, serial: &str) -> &mut Vec<(f64, Place)> {
+        let known = self.cameras.iter().position(|known| known.serial == serial);
+        let place = known.unwrap_or_else(|| {
+            self.cameras.push(Filmed {
+                serial: serial.to_owned(),
+                pictures: Vec::new(),
+            });
+            self.cameras.len() - 1
+        });
+        &mut self.cameras[place].pictures
     }
 
     pub(super) fn contents(&self) -> Contents {
@@ -205,6 +244,29 @@ impl Recording {
             command: last(&self.commands, time).map(|place| &self.commands[place].1[..]),
             servos: last(&self.servos, time).map_or(&[], |place| &self.servos[place].1),
             cloud: cloud.map(|place| (place, &self.clouds[place].1)),
+        }
+    }
+}
+
+impl Recording {
+    /// The number of each camera's picture at a time (s), the last before it; none where there is none yet.
+    pub(super) fn pictures_at(&self, time: f64) -> Vec<Option<usize>> {
+        let cameras = self.cameras.iter();
+        cameras.map(|camera| last(&camera.pictures, time)).collect()
+    }
+
+    /// A picture of a camera; `None` where the file does not have it any more.
+    pub(super) fn picture(&self, camera: usize, number: usize) -> Option<Image<[u8; 3]>> {
+        let (_, place) = self.cameras.get(camera)?.pictures.get(number)?;
+        let mut file = self
+            .file
+            .as_ref()?
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let message = file.message_at(*place).ok()??;
+        match LogRecord::decode(&message.channel, &message.data).ok()?? {
+            LogRecord::Color { image, .. } => Some(image),
+            _ => None,
         }
     }
 }

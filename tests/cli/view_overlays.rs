@@ -1,8 +1,10 @@
 //! What `tdcr view` shows over a robot: data sets, networks, recordings, studies.
 
 use std::fs;
+use std::path::Path;
 
 use serde_json::{Value, json};
+use tdcr::hw::log::{Entry, LogReader, LogRecord};
 
 use crate::capture::{capture, small_rig};
 use crate::view::{Server, distance, doubles, tip};
@@ -143,6 +145,27 @@ fn a_point_of_a_study_shows_the_robot_of_its_row() {
     }
 }
 
+/// Pixels of the last colours before a time (s) that the camera has taken whose pictures come first.
+fn last_picture(log: &Path, at: f64) -> Vec<u8> {
+    let mut reader = LogReader::open(log).unwrap();
+    let (mut first, mut camera, mut last) = (None, None, Vec::new());
+    while let Some(entry) = reader.next_entry().unwrap() {
+        let Entry::Message(message) = entry else {
+            continue;
+        };
+        let first = *first.get_or_insert(message.log_time);
+        let time = (message.log_time - first) as f64 * 1e-9;
+        if let Ok(Some(LogRecord::Color { serial, image })) =
+            LogRecord::decode(&message.channel, &message.data)
+            && time <= at
+            && *camera.get_or_insert(serial.clone()) == serial
+        {
+            last = image.pixels.into_flattened();
+        }
+    }
+    last
+}
+
 #[test]
 fn a_recording_is_scrubbed_through() {
     let folder = tempfile::tempdir().unwrap();
@@ -167,6 +190,10 @@ fn a_recording_is_scrubbed_through() {
     assert!(moment["command"].is_array(), "{moment}");
     let (role, points, ..) = cloud(&page.numbers(1.0));
     assert!(role == 2.0 && points > 100.0, "{role}, {points}");
+    // The picture is the last that the first camera took before the moment.
+    let shown = page.numbers(3.0);
+    assert_eq!(doubles(&shown[8..40]), [0.0, 2.0, 160.0, 120.0]);
+    assert!(shown[40..] == last_picture(&log, at));
     let late = page.ask(2.0, json!({"type": "moment", "time": at}));
     // The first cloud is that of a look at home.
     let first = clouds[1].as_f64().unwrap();

@@ -76,7 +76,7 @@ pub(crate) use decode::color_png;
 pub use error::{DecodeError, LogError};
 pub use image::ImageFormat;
 pub use message::{Channel, Entry, Message, Schema};
-pub use read::LogReader;
+pub use read::{LogReader, Place};
 pub use record::{
     Event, Goal, Image, Level, LogRecord, Reading, ServoHome, ServoStatus, Transform, WORLD,
     camera_frame,

@@ -32,12 +32,25 @@ pub struct LogReader<R> {
     at: u64,
     section: Section,
     chunk: Chunk,
+    /// Where the next message of the chunk lies.
+    next: Place,
+    /// Where the last message lay.
+    place: Place,
     /// Whether there was a chunk.
     chunked: bool,
     definitions: Definitions,
     recovery: Recovery,
     /// Bytes that may still be read in search of chunks.
     search: u64,
+}
+
+/// Where a message lies in a log.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Place {
+    /// Where its chunk, or outside of chunks itself, begins in the file.
+    at: u64,
+    /// Its number among the messages there, from 0.
+    number: usize,
 }
 
 /// Parts of an MCAP file.
@@ -101,6 +114,8 @@ impl<R: Read + Seek> LogReader<R> {
             at: 0,
             section: Section::Magic,
             chunk: Chunk::default(),
+            next: Place::default(),
+            place: Place::default(),
             chunked: false,
             definitions,
             recovery: Recovery::default(),
@@ -122,6 +137,8 @@ impl<R: Read + Seek> LogReader<R> {
         loop {
             if let Some(message) = self.next_in_chunk() {
                 self.recovery.messages += 1;
+                self.place = self.next;
+                self.next.number += 1;
                 return Ok(Some(Entry::Message(message)));
             }
             let entry = match self.section {
@@ -139,6 +156,33 @@ impl<R: Read + Seek> LogReader<R> {
             if entry.is_some() {
                 return Ok(entry);
             }
+        }
+    }
+
+    /// Where the message lies that was given last.
+    pub fn place(&self) -> Place {
+        self.place
+    }
+
+    /// The message at a place where this reader has found one before; `None` where the file has changed since. The entry after it is
+    /// then the next.
+    ///
+    /// # Errors
+    /// Those of the source.
+    pub fn message_at(&mut self, place: Place) -> io::Result<Option<Message>> {
+        self.chunk = Chunk::default();
+        self.section = Section::Data;
+        self.go_to(place.at)?;
+        // What is wrong there is known already.
+        let known = std::mem::take(&mut self.recovery);
+        let mut found = self.next_entry();
+        for _ in 0..place.number {
+            found = found.and_then(|_| self.next_entry());
+        }
+        self.recovery = known;
+        match found? {
+            Some(Entry::Message(message)) => Ok(Some(message)),
+            _ => Ok(None),
         }
     }
 
@@ -247,6 +291,7 @@ impl<R: Read + Seek> LogReader<R> {
         self.at = content_at + length;
         if matches!(entry, Some(Entry::Message(_))) {
             self.recovery.messages += 1;
+            self.place = Place { at, number: 0 };
         }
         Ok(entry)
     }
@@ -294,6 +339,10 @@ impl<R: Read + Seek> LogReader<R> {
             self.recovery.note(record_at, Problem::Checksum);
             return self.go_to(at + length);
         }
+        self.next = Place {
+            at: record_at,
+            number: 0,
+        };
         self.chunk = Chunk {
             records,
             next: 0,
