@@ -1,6 +1,6 @@
 //! A robot in the browser.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
@@ -20,6 +20,7 @@ use crate::scene::Scene;
 #[pyclass(frozen, module = "tdcr._tdcr")]
 pub struct Viewer {
     address: String,
+    log: Option<PathBuf>,
     robot: tdcr::sim::robot::Robot,
     view: Mutex<Option<View>>,
 }
@@ -33,6 +34,7 @@ pub struct Shown {
     log: Option<PathBuf>,
     study: Option<PathBuf>,
     rig: Option<PathBuf>,
+    out: Option<PathBuf>,
 }
 
 #[pymethods]
@@ -82,6 +84,7 @@ impl Viewer {
             recorded: recorded.transpose()?.unwrap_or_default(),
             overlays,
             rig,
+            out: shown.out,
             ..Exhibit::of(robot.spec().clone())
         };
         let view = py.detach(|| View::open(exhibit, port));
@@ -93,6 +96,7 @@ impl Viewer {
             Failure::Of(class, error.to_string())
         })?;
         Ok(Self {
+            log: view.log().map(Path::to_owned),
             address: view.address().to_owned(),
             robot,
             view: Mutex::new(Some(view)),
@@ -144,6 +148,12 @@ impl Viewer {
             }
             None => Err(Failure::input("the page is closed; expected an open one")),
         }
+    }
+
+    /// The log of the rig, where one is written.
+    #[getter]
+    fn log(&self) -> Option<PathBuf> {
+        self.log.clone()
     }
 
     /// Ends it; waits until the tension of a rig is released.

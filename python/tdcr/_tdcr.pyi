@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal, final
 
 import numpy as np
@@ -231,6 +232,8 @@ class Viewer:
     def address(self) -> str: ...
     @property
     def robot(self) -> Robot: ...
+    @property
+    def log(self) -> Path | None: ...
     def show(self, command: _Floats, configuration: _Floats | None) -> None: ...
     def close(self) -> None: ...
 

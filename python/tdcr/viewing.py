@@ -8,6 +8,7 @@ import os
 import weakref
 import webbrowser
 from types import TracebackType
+from pathlib import Path
 from typing import Any
 
 from tdcr import _tdcr
@@ -51,6 +52,11 @@ class Viewer:
         return self._native.address
 
     @property
+    @property
+    def log(self) -> Path | None:
+        """The log of the rig; ``None`` where none is written."""
+        return self._native.log
+
     def robot(self) -> Robot:
         """The robot."""
         return Robot._of(self._native.robot)
@@ -115,6 +121,7 @@ def view(
     study: str | os.PathLike[str] | None = None,
     rig: str | os.PathLike[str] | None = None,
     port: int = 0,
+    out: str | os.PathLike[str] | None = None,
     browser: bool = False,
 ) -> Viewer:
     """Serves a page on which a robot follows the hand: its discs are dragged, its tendons have sliders.
@@ -134,6 +141,7 @@ def view(
         rig: File of a rig to look at live, and to move by the page that arms it. When the page is closed, or this process ends,
             its tension is released.
         port: Of 127.0.0.1; 0 for any free one.
+        out: Folder of the rig's log: ``log.mcap`` in it has all that its servos and cameras do, ``log-2.mcap`` the next time.
         browser: Whether to open the page in a browser; in a notebook the result shows it.
 
     Returns:
@@ -143,7 +151,7 @@ def view(
         CommandError: For a command that the robot cannot take.
         LoadsError: For loads that it cannot take.
         DataError: For a data set, model, log or study that cannot be read.
-        RigError: For a rig that cannot be opened.
+        RigError: For a rig that cannot be opened, or whose log cannot be begun.
         TdcrError: For a port that is not to be had.
     """
     if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 65536:
@@ -163,7 +171,9 @@ def view(
         given = [name for name, value in others.items() if value is not None]
         if given:
             raise InputError(f"{', '.join(given)} and rig are given; expected the rig alone, whose robot is where its servos are")
-    paths = {"data": data, "model": model, "log": log, "study": study, "rig": rig}
+    elif out is not None:
+        raise InputError("out is given without a rig; expected the log of a rig, or no folder")
+    paths = {"data": data, "model": model, "log": log, "study": study, "rig": rig, "out": out}
     shown = {name: None if path is None else as_path(path, name) for name, path in paths.items()}
     chosen = None if robot is None else as_robot(robot)
     start = None if command is None else as_float(command, "command", ("tendons" if chosen is None else chosen.tendons,))

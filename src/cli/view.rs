@@ -48,6 +48,9 @@ pub(super) struct ViewArgs {
     /// Rig to look at live, and to move by the page that arms it; its robot is shown where its servos stand
     #[arg(long, value_name = "FILE", conflicts_with_all = ["robot", "lengths", "commands", "scene", "data", "log", "study"])]
     rig: Option<PathBuf>,
+    /// Folder of the rig's log: DIR/log.mcap has all that its servos and cameras do, log-2.mcap the next time; no log without
+    #[arg(long, value_name = "DIR", requires = "rig")]
+    out: Option<PathBuf>,
     /// Folder of a finished study: a point of its figure shows the robot of the row
     #[arg(long, value_name = "DIR")]
     study: Option<PathBuf>,
@@ -67,9 +70,14 @@ pub(super) struct ViewArgs {
 #[derive(Serialize)]
 struct Served {
     address: String,
+    /// The log of the rig.
+    log: Option<PathBuf>,
 }
 
 pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
+    if let Some(out) = &args.out {
+        super::output::folder("--out", out, "a folder for the log")?;
+    }
     let overlays = Overlays::open(OverlayFiles {
         data: args.data.as_deref(),
         model: args.model.as_deref(),
@@ -102,11 +110,16 @@ pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
         robot: spec,
         overlays,
         rig,
+        out: args.out.clone(),
     };
     let view = View::open(exhibit, args.port)?;
     let served = Served {
         address: view.address().to_owned(),
+        log: view.log().map(Path::to_owned),
     };
+    if let Some(log) = &served.log {
+        tracing::info!("the log is {}", log.display());
+    }
     if args.no_browser || console.is_json() {
         console.result(&served, |served| served.address.clone())?;
     } else if open(&served.address) {

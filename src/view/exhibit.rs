@@ -31,6 +31,8 @@ pub struct Exhibit {
     pub overlays: Overlays,
     /// The rig that the robot is of: it is shown where the rig's servos are, and moves with them.
     pub rig: Option<RigFile>,
+    /// Folder of the rig's log; none is written without.
+    pub out: Option<PathBuf>,
 }
 
 /// Where a robot is from.
@@ -55,6 +57,7 @@ impl Exhibit {
             source: Source::Memory,
             overlays: Overlays::default(),
             rig: None,
+            out: None,
         }
     }
 }

@@ -1,8 +1,10 @@
 //! The server: the page's files, and a socket for each page.
 
+use std::fs::File;
 use std::future::pending;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener as StdListener};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::channel;
@@ -29,6 +31,7 @@ use super::guard::{Guard, token};
 use super::message::Letter;
 use super::post::{Given, Input, Output};
 use super::session;
+use crate::pipeline::{PipelineError, lock_folder};
 
 /// How often a robot file is looked at.
 const LOOK: Duration = Duration::from_millis(200);
@@ -44,6 +47,9 @@ pub struct View {
     end: Option<oneshot::Sender<()>>,
     server: Option<JoinHandle<()>>,
     desk: Option<Desk>,
+    log: Option<PathBuf>,
+    /// As long as the log may be written.
+    _lock: Option<File>,
     given: watch::Sender<Option<Arc<Given>>>,
 }
 
@@ -62,9 +68,12 @@ pub enum ViewError {
     /// The robot does not settle where it is to begin.
     #[error(transparent)]
     Exhibit(#[from] RequestError),
-    /// The rig cannot be opened.
+    /// The rig cannot be opened, or its log not begun.
     #[error(transparent)]
     Rig(#[from] CaptureError),
+    /// The folder of the log cannot be written to, or another program writes to it.
+    #[error(transparent)]
+    Folder(#[from] PipelineError),
 }
 
 /// What a file of a robot holds by now; `None` as long as it has not changed.
@@ -88,7 +97,7 @@ impl View {
     ///
     /// # Errors
     /// [`ViewError::Exhibit`] for a robot, command or loads that do not fit each other or the scene; [`ViewError::Port`] where the port is
-    /// not to be had; [`ViewError::Rig`] for a rig that cannot be opened.
+    /// not to be had; [`ViewError::Rig`] for a rig that cannot be opened; [`ViewError::Folder`] for the folder of its log.
     pub fn open(exhibit: Exhibit, port: u16) -> Result<Self, ViewError> {
         session::check(&exhibit)?;
         let refused = |source| ViewError::Port { port, source };
@@ -99,7 +108,10 @@ impl View {
             .enable_all()
             .build()
             .map_err(refused)?;
-        let desk = exhibit.rig.clone().map(Desk::open).transpose()?;
+        let out = exhibit.out.clone().filter(|_| exhibit.rig.is_some());
+        let lock = out.as_deref().map(lock_folder).transpose()?;
+        let opened = (exhibit.rig.clone()).map(|file| Desk::open(file, out.as_deref()));
+        let (desk, log) = opened.transpose()?.unzip();
         let link = desk.as_ref().map(Desk::link);
         let (given, shown) = watch::channel(None);
         let token = token();
@@ -121,6 +133,8 @@ impl View {
             end: Some(end),
             server: Some(server),
             desk,
+            log: log.flatten(),
+            _lock: lock,
             given,
         })
     }
@@ -128,6 +142,11 @@ impl View {
     /// Shows something on all pages, and on those that are opened later. What the robot that a page shows cannot do is said there.
     pub fn show(&self, given: Given) {
         self.given.send_replace(Some(Arc::new(given)));
+    }
+
+    /// The log of the rig, where one is written.
+    pub fn log(&self) -> Option<&Path> {
+        self.log.as_deref()
     }
 
     /// The address to open in a browser, with the token in it.

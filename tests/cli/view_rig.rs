@@ -5,10 +5,11 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use tdcr::hw::servo::Torque;
 
+use crate::capture::small_rig;
 use crate::release::{ended, send, torques};
 use crate::servo_sim::{self, LATE, rig_on};
-use crate::view::{Page, Server};
-use crate::{tdcr, text};
+use crate::view::{Page, Server, doubles};
+use crate::{refuse, succeed_json, tdcr, text};
 
 /// Longest wait for the rig.
 const LONG: Duration = Duration::from_secs(60);
@@ -151,6 +152,45 @@ fn a_rig_moves_for_the_page_that_armed_it_alone_and_lets_go_when_its_socket_is_l
         assert!(desk.are_off());
         Ok(())
     });
+}
+
+/// Number, count, columns and rows of a picture that a camera took, and its pixels.
+fn taken(message: &[u8]) -> (Vec<f64>, Vec<[u8; 3]>) {
+    let head = doubles(&message[8..40]);
+    let pixels = message[40..].as_chunks::<3>().0.to_vec();
+    assert_eq!(pixels.len(), (head[2] * head[3]) as usize);
+    (head, pixels)
+}
+
+#[test]
+fn a_page_has_the_cameras_pictures_with_what_is_taken_for_the_robot_and_all_is_logged() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let out = folder.path().join("seen");
+    let mut server = Server::start(&["--rig", text(&rig), "--out", text(&out)]);
+    let mut page = server.open();
+    for view in [0.0, 1.0] {
+        let (head, pixels) = taken(&page.numbers(3.0));
+        assert_eq!(head, [view, 2.0, 160.0, 120.0]);
+        // Dimmed colours are half as bright as they may be.
+        let coloured = pixels.iter().filter(|[red, ..]| *red > 127).count();
+        assert!((50..pixels.len() / 4).contains(&coloured), "{coloured}");
+    }
+    send("-INT", server.child.id());
+    assert!(ended(&mut server.child).is_some());
+    let log = out.join("log.mcap");
+    let info = succeed_json(&["log", "info", text(&log)]);
+    assert_eq!(info["whole"], true, "{info}");
+    for topic in ["/servos/present", "/cloud"] {
+        let topics = info["topics"].as_array().unwrap();
+        let of_topic = topics.iter().find(|one| one["topic"] == topic);
+        assert!(
+            of_topic.is_some_and(|one| one["messages"].as_u64() > Some(0)),
+            "{info}"
+        );
+    }
+    let alone = ["view", "--no-browser", "--out", text(&out)];
+    refuse(&alone, 2, "--rig <FILE>");
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod sight;
 
 use std::cell::RefCell;
 use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::thread::{self, JoinHandle};
@@ -32,6 +33,9 @@ pub(super) const SILENCE: Duration = Duration::from_secs(3);
 /// Time between two looks at a rig that nobody holds.
 const LOOK: Duration = Duration::from_millis(100);
 
+/// Bytes that the log leaves on its disk, as that of `tdcr jog` does.
+const LOG_LEAVES: u64 = 16 << 20;
+
 /// A rig that pages look at.
 #[derive(Debug)]
 pub(super) struct Desk {
@@ -48,11 +52,15 @@ pub(super) struct DeskLink {
 }
 
 impl Desk {
-    /// Opens the rig of a file and begins to look at it. No motor is switched on.
+    /// Opens the rig of a file and begins to look at it; with a log in the folder `out`, whose path is returned, too. No motor is
+    /// switched on.
     ///
     /// # Errors
-    /// As [`Rig::open_file`] and [`Program::new`].
-    pub fn open(file: RigFile) -> Result<Self, CaptureError> {
+    /// As [`Rig::open_file`], [`Program::new`] and [`Rig::log_in`].
+    pub fn open(
+        file: RigFile,
+        out: Option<&Path>,
+    ) -> Result<(Self, Option<PathBuf>), CaptureError> {
         let program = Program::new(&file, 0)?;
         let limits = Arc::new(RigLimits::of(&file, program.rest()));
         let mut rig = Rig::open_file(file, Pace::RealTime)?;
@@ -61,6 +69,8 @@ impl Desk {
             voxel_size: CaptureSettings::default().voxel,
             masks: None,
         };
+        let log = out.map(|out| rig.log_in(out, "log", LOG_LEAVES));
+        let log = log.transpose()?;
         let sight = Sight::new(&mut rig, settings.voxel_size)?;
         let seen = sight.watch();
         let (orders, inbox) = channel();
@@ -70,15 +80,21 @@ impl Desk {
             sight,
             settings,
         };
-        let thread = thread::spawn(move || worker.run(&mut rig));
-        Ok(Self {
+        let thread = thread::spawn(move || {
+            worker.run(&mut rig);
+            if let Err(error) = rig.finish_log() {
+                tracing::warn!("the log is not whole: {error}");
+            }
+        });
+        let desk = Self {
             link: DeskLink {
                 orders,
                 seen,
                 limits,
             },
             thread: Some(thread),
-        })
+        };
+        Ok((desk, log))
     }
 
     pub fn link(&self) -> DeskLink {

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 use tdcr_hw::capture::{CaptureError, Fuser};
+use tdcr_hw::log::LogRecord;
 use tdcr_hw::plan::Shape;
 use tdcr_hw::rig::{Homing, Rig, RigError, RigFile, WinchState};
 use tdcr_hw::servo::ServoId;
@@ -199,6 +200,11 @@ impl Sight {
                 pictures: pictures::masked(&pictures, &masks),
             })
         })??;
+        // Who reads clouds out of the log has them under what was measured.
+        if let Some(command) = &self.seen.command {
+            rig.log(|| LogRecord::Command(command.clone()));
+        }
+        rig.log(|| LogRecord::Cloud(look.cloud.clone()));
         let number = self.seen.look.as_ref().map_or(0, |(number, _)| number + 1);
         self.seen.look = Some((number, Arc::new(look)));
         self.publish();

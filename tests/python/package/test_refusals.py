@@ -221,7 +221,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (
             tdcr.view,
             {"robot": ROBOT, "payload": None, "command": COMMAND, "commands": [COMMAND], "scene": SCENE, "loads": None, "port": 0}
-            | {"data": missing, "model": missing, "log": missing, "study": missing, "rig": None},
+            | {"data": missing, "model": missing, "log": missing, "study": missing, "rig": None, "out": out},
         ),
         (tdcr.Rig, {"path": missing, "real_time": False}),
         (tdcr.demo, {"out": out, "samples": 1, "steps": 0, "precision": None, "symmetry": "auto", "seed": 0, "progress": None}),
