@@ -1,16 +1,17 @@
 //! A robot in the browser.
 
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use tdcr::hw::rig::RigFile;
 use tdcr::sim::chain::Configuration;
-use tdcr::sim::robot::RobotSpec;
-use tdcr::view::{Exhibit, Given, OverlayFiles, Overlays, View, ViewError};
+use tdcr::sim::robot::{Loads as AllLoads, RobotSpec};
+use tdcr::view::{Exhibit, Given, Marks, OverlayFiles, Overlays, Subject, View, ViewError};
 
 use crate::arrays::{contiguous, quaternions};
+use crate::env::{BatchSimulation, Row};
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
 use crate::robot::Robot;
@@ -23,6 +24,8 @@ pub struct Viewer {
     log: Option<PathBuf>,
     robot: tdcr::sim::robot::Robot,
     view: Mutex<Option<View>>,
+    /// The robot of a batch that was shown last.
+    subject: Mutex<Option<Arc<Subject>>>,
 }
 
 /// What is shown besides the robot: folders and files.
@@ -100,6 +103,7 @@ impl Viewer {
             address: view.address().to_owned(),
             robot,
             view: Mutex::new(Some(view)),
+            subject: Mutex::default(),
         })
     }
 
@@ -136,18 +140,38 @@ impl Viewer {
                 Given::Pose {
                     configuration: Configuration(quaternions(flat)),
                     command,
+                    subject: None,
+                    marks: Marks::default(),
                 }
             }
         };
-        let view = self.view.lock();
-        let view = view.as_ref().ok().and_then(|view| view.as_ref());
-        match view {
-            Some(view) => {
-                view.show(given);
-                Ok(())
-            }
-            None => Err(Failure::input("the page is closed; expected an open one")),
-        }
+        self.give(given)
+    }
+
+    /// Shows a row of a batch as it is: its robot, its scene, and balls of `radius` (m) at `targets`, shape (targets, 3) (m).
+    fn show_row(
+        &self,
+        batch: PyRef<'_, BatchSimulation>,
+        row: usize,
+        targets: PyReadonlyArray2<'_, f64>,
+        radius: f64,
+    ) -> Outcome<()> {
+        let count = numpy::PyUntypedArrayMethods::shape(&*targets)[0];
+        let targets = contiguous(&targets, "targets", &[count, 3])?.as_chunks::<3>();
+        let row = batch.shown_row(row)?;
+        self.give(Given::Pose {
+            configuration: row.shown.configuration.clone(),
+            command: row.command.clone(),
+            subject: Some(self.subject_of(row)?),
+            marks: Marks {
+                places: targets
+                    .0
+                    .iter()
+                    .map(|place| place.map(|x| x as f32))
+                    .collect(),
+                radius,
+            },
+        })
     }
 
     /// The log of the rig, where one is written.
@@ -159,6 +183,42 @@ impl Viewer {
     /// Ends it; waits until the tension of a rig is released.
     fn close(&self, py: Python<'_>) {
         py.detach(|| drop(self.view.lock().ok().and_then(|mut view| view.take())));
+    }
+}
+
+impl Viewer {
+    /// Shows something on all pages.
+    fn give(&self, given: Given) -> Outcome<()> {
+        let view = self.view.lock();
+        let view = view.as_ref().ok().and_then(|view| view.as_ref());
+        match view {
+            Some(view) => {
+                view.show(given);
+                Ok(())
+            }
+            None => Err(Failure::input("the page is closed; expected an open one")),
+        }
+    }
+
+    /// The robot of a row and what is around it: the same allocation as before where both are the same.
+    fn subject_of(&self, row: &Row) -> Outcome<Arc<Subject>> {
+        let mut last = self.subject.lock().unwrap_or_else(PoisonError::into_inner);
+        let payload = row.loads.tip_payload();
+        let is_same = |known: &Arc<Subject>| {
+            known.robot == *row.robot.spec()
+                && std::ptr::eq(known.scene.obstacles(), row.scene.obstacles())
+                && known.loads.tip_payload() == payload
+        };
+        if let Some(known) = last.as_ref().filter(|known| is_same(known)) {
+            return Ok(known.clone());
+        }
+        let subject = Arc::new(Subject {
+            robot: row.robot.spec().clone(),
+            scene: row.scene.clone(),
+            loads: AllLoads::default().with_payload(payload)?,
+        });
+        *last = Some(subject.clone());
+        Ok(subject)
     }
 }
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import atexit
 import html
 import os
+import warnings
 import weakref
 import webbrowser
-from types import TracebackType
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from tdcr import _tdcr
@@ -52,11 +53,11 @@ class Viewer:
         return self._native.address
 
     @property
-    @property
     def log(self) -> Path | None:
         """The log of the rig; ``None`` where none is written."""
         return self._native.log
 
+    @property
     def robot(self) -> Robot:
         """The robot."""
         return Robot._of(self._native.robot)
@@ -120,8 +121,8 @@ def view(
     log: str | os.PathLike[str] | None = None,
     study: str | os.PathLike[str] | None = None,
     rig: str | os.PathLike[str] | None = None,
-    port: int = 0,
     out: str | os.PathLike[str] | None = None,
+    port: int = 0,
     browser: bool = False,
 ) -> Viewer:
     """Serves a page on which a robot follows the hand: its discs are dragged, its tendons have sliders.
@@ -140,9 +141,9 @@ def view(
         study: Folder of a finished study: a point of its figure shows the robot of the row.
         rig: File of a rig to look at live, and to move by the page that arms it. When the page is closed, or this process ends,
             its tension is released.
-        port: Of 127.0.0.1; 0 for any free one.
         out: Folder of the rig's log: ``log.mcap`` in it has all that its servos and cameras do, ``log-2.mcap`` the next time.
-        browser: Whether to open the page in a browser; in a notebook the result shows it.
+        port: Of 127.0.0.1; 0 for any free one.
+        browser: Whether to open the page in a browser, with a warning where there is none; in a notebook the result shows it.
 
     Returns:
         The page; keep it as long as it is to be served.
@@ -194,6 +195,6 @@ def view(
         port,
     )
     viewer = Viewer(native)
-    if browser:
-        webbrowser.open(viewer.address)
+    if browser and not webbrowser.open(viewer.address):
+        warnings.warn(f"no browser could be started; open {viewer.address}", stacklevel=2)
     return viewer

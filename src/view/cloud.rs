@@ -15,6 +15,8 @@ pub(super) enum Role {
     Recorded,
     /// What the cameras of a rig see now.
     Measured,
+    /// What a program marks: balls, whose radius stands in place of the distance.
+    Marked,
 }
 
 /// How a cloud came about.

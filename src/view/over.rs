@@ -11,7 +11,7 @@ use super::desk::RigLimits;
 use super::error::RequestError;
 use super::message::Reply;
 use super::overlays::Overlays;
-use super::post::Output;
+use super::post::{Marks, Output, Subject};
 use super::twin::Twin;
 
 /// Overlays, and what is shown of them.
@@ -29,6 +29,10 @@ pub(super) struct Over {
     pub recorded: Option<usize>,
     /// Numbers of the recording's pictures that the page has, of each camera.
     pub taken: Vec<Option<usize>>,
+    /// The robot that the program shows, where the page shows that one.
+    pub subject: Option<Arc<Subject>>,
+    /// What the program marks.
+    pub marks: Marks,
     /// What may be asked of the rig that the robot is of.
     rig: Option<Arc<RigLimits>>,
     /// Number of the look at the rig that the page has.
@@ -60,6 +64,7 @@ impl Over {
     pub fn forget_robot(&mut self) {
         self.twin = None;
         self.last = None;
+        self.subject = None;
     }
 
     /// Wants the network's cloud of a robot, where clouds are wanted and it is another one than before.

@@ -21,7 +21,7 @@ use super::frame::Frame;
 use super::message::{Letter, PhysicsName, Refused, Reply, Request};
 use super::over::Over;
 use super::pictures;
-use super::post::{Given, Input, Output};
+use super::post::{Input, Output};
 
 /// A robot that a page commands.
 pub(super) struct Session {
@@ -203,9 +203,12 @@ impl Session {
             Input::Rig(page, seen) => self.show_rig(page, &seen, answer),
             Input::Given(given) => {
                 let stamp = self.frame.stamp;
-                match self.take(&given) {
+                match self.take(&given, answer) {
                     Err(error) => answer(refuse(Refused::Request, error.to_string())),
-                    Ok(()) => answer(self.show(stamp)),
+                    Ok(Changed::Robot) => {
+                        answer(self.introduce(recorded)) && answer(self.show(stamp))
+                    }
+                    Ok(Changed::Pose) => answer(self.show(stamp)),
                 }
             }
             Input::Unread(reason) => answer(refuse(Refused::Letter, reason)),
@@ -332,28 +335,6 @@ impl Session {
         }
         self.body.advance(&self.command, &self.all_loads);
         Ok(())
-    }
-
-    /// Shows what the program gives.
-    fn take(&mut self, given: &Given) -> Result<(), RequestError> {
-        self.hand.let_go();
-        match given {
-            Given::Command(command) => {
-                if matches!(self.body, Body::Posed(_)) {
-                    self.body = Body::AtRest;
-                }
-                self.follow(self.robot.command(command.as_slice())?)
-            }
-            Given::Pose {
-                configuration,
-                command,
-            } => {
-                let command = self.robot.command(command.as_slice())?;
-                self.body = Body::posed(&self.robot, configuration, &command)?;
-                self.command = command;
-                Ok(())
-            }
-        }
     }
 
     /// Brings the robot to a command, settled from the straight pose.

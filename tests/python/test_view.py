@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import time
+import webbrowser
 
 import numpy as np
 import pytest
@@ -263,7 +264,6 @@ def test_a_rig_is_armed_in_the_page_bent_and_let_go(browser, tmp_path):
         bend.evaluate("(input) => { input.value = input.max / 2; input.dispatchEvent(new Event('input', { bubbles: true })); }")
         wait_for(page, "tip", lambda tip: np.linalg.norm(tip - home) > 5e-3)
         wait_for(page, "measured", lambda points: points[0] > 100)
-        picture(page, "view-rig.png")
         page.wait_for_selector("body[data-taken='2']", state="attached")
         coloured = page.locator("#taken canvas").first.evaluate(
             """(canvas) => {
@@ -272,6 +272,7 @@ def test_a_rig_is_armed_in_the_page_bent_and_let_go(browser, tmp_path):
             }"""
         )
         assert 50 < coloured < 160 * 120 / 4
+        picture(page, "view-rig.png")
         page.click("#rig-arm")
         page.wait_for_selector("body[data-armed=no]", state="attached", timeout=60_000)
 
@@ -310,3 +311,25 @@ def test_a_notebook_shows_the_page_of_a_robot_that_is_at_hand(browser):
             wait_for(page, "tip", lambda tip: np.allclose(tip, tdcr.settle("2m", command).tip, atol=1e-6))
     with pytest.raises(sync_api.Error):
         browser.new_page().goto(viewer.address)
+
+
+def test_an_environment_for_humans_shows_its_steps_and_its_goal_on_a_page(browser, monkeypatch):
+    pytest.importorskip("tdcr")
+    gymnasium = pytest.importorskip("gymnasium")
+    monkeypatch.setattr(webbrowser, "open", lambda address: True)
+    ranges = {"payload": (0.0, 0.02), "gain[0]": (300.0, 700.0)}
+    env = gymnasium.make("tdcr.envs:tdcr/ReachObstacle2m-v0", render_mode="human", randomise=ranges).unwrapped
+    env.reset(seed=1)
+    with opened(browser, env.window.viewer.address) as page:
+        for action in (np.ones(6), -np.ones(6)):
+            env.step(action)
+            tip = env.episodes.world.simulation.positions()[0, -1]
+            wait_for(page, "tip", lambda found, tip=tip: np.allclose(found, tip, atol=1e-9))
+        assert page.get_attribute("body", "data-physics") == "given"
+        wait_for(page, "targets", lambda balls: balls[0] == 1)
+        # Another robot among other obstacles.
+        env.reset(seed=2)
+        tip = env.episodes.world.simulation.positions()[0, -1]
+        wait_for(page, "tip", lambda found: np.allclose(found, tip, atol=1e-9))
+        picture(page, "view-env.png")
+    env.close()

@@ -17,7 +17,8 @@ use crate::robot::Robot;
 use crate::run;
 use crate::scene::Scene;
 use observation::{Observed, Scale};
-use row::{Asked, Motion, Row};
+pub(crate) use row::Row;
+use row::{Asked, Motion};
 
 /// Robots of one size, each with a state of its own, advanced by one call.
 ///
@@ -61,6 +62,13 @@ impl BatchSimulation {
         let count = self.rows.len();
         let refuse = || Failure::input(format!("row {row}; expected one below {count}"));
         self.rows.get_mut(row).ok_or_else(refuse)
+    }
+
+    /// A row, to be looked at.
+    pub(crate) fn shown_row(&self, row: usize) -> Outcome<&Row> {
+        let count = self.rows.len();
+        let refuse = || Failure::input(format!("row {row}; expected one below {count}"));
+        self.rows.get(row).ok_or_else(refuse)
     }
 
     fn fits(&self, robot: &Robot) -> Outcome<()> {
@@ -387,10 +395,7 @@ impl BatchSimulation {
     ) -> Outcome<Picture<'py>> {
         let count = numpy::PyUntypedArrayMethods::shape(&*targets)[0];
         let targets = contiguous(&targets, "targets", &[count, 3])?.as_chunks::<3>();
-        let Some(row) = self.rows.get(row) else {
-            let message = format!("row {row}; expected one below {}", self.rows.len());
-            return Err(Failure::input(message));
-        };
+        let row = self.shown_row(row)?;
         let seen = py.detach(|| sight::picture(row, [width, height], camera, targets.0, radius))?;
         let [width, height] = [width as usize, height as usize];
         let colors = seen.color.into_iter().flatten().collect();

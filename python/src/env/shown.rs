@@ -115,7 +115,7 @@ impl Shown {
         self.positions.last().copied().unwrap_or_default()
     }
 
-    pub fn take(&mut self, driven: &Driven) {
+    pub(super) fn take(&mut self, driven: &Driven) {
         let pose = match driven {
             Driven::AtRest(settler) => settler.pose(),
             Driven::InContact(settler) => settler.pose(),

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from tdcr.envs.episodes import Episodes, Observation, first, first_info
 from tdcr.envs.tasks import ReachGoal, Task
+from tdcr.envs.window import Window
 from tdcr.errors import InputError
 
-RENDER_MODES = ("rgb_array", "depth_array")
+PICTURES = ("rgb_array", "depth_array")
+RENDER_MODES = (*PICTURES, "human")
 
 
 class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -62,7 +64,9 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         weights: Factors of the reward's terms, by name: ``info`` has each as it counts, ``reward_distance`` and its like. Besides
             the terms of the task, ``"change"`` is minus the mean square of the commands' changes, in units of the largest ones;
             by default it is left out. Not of goal-based tasks.
-        render_mode: ``"rgb_array"`` or ``"depth_array"``; ``gymnasium.make`` makes a window of the first for ``"human"``.
+        render_mode: ``"rgb_array"``, ``"depth_array"``, or ``"human"``: each reset and step is shown on a page of
+            :func:`tdcr.view` in a browser, at ``metadata["render_fps"]`` steps a second, until the environment is closed. Where
+            there is no browser a warning has the page's address; ``env.unwrapped.window.viewer`` is the page.
         camera, width, height: Which of the robot's cameras pictures are of, and their size.
         target: Of the task Shape: ``"poses"`` or ``"cloud"``.
         preview: Of the task Track: points of the path that are observed.
@@ -78,6 +82,7 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise InputError(f"render_mode is {render_mode!r}; expected one of {', '.join(RENDER_MODES)}, or None")
         self.render_mode = render_mode
         self.episodes = Episodes(1, task, **arguments)
+        self.window = Window()
         self.metadata = {**self.metadata, "render_fps": self.episodes.world.settings.render_fps}
         self.layout = self.episodes.layout
         self.action_space = self.episodes.action_space
@@ -102,7 +107,13 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed)
         self.episodes.reset([0], [self.np_random], asked)
         observation, _, _, infos = self.episodes.look()
+        self._show()
         return first(observation), first_info(infos)
+
+    def _show(self) -> None:
+        """Shows the robot on the page of ``"human"``."""
+        if self.render_mode == "human":
+            self.window.show(self.episodes, self.metadata["render_fps"])
 
     def randomise(self, ranges: Mapping[str, tuple[float, float]]) -> None:
         """Other ranges of ``randomise``, from the next reset on, as a curriculum has them; ranges of other names stay.
@@ -118,15 +129,18 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         episodes = self.episodes
         episodes.drive(np.asarray(action)[np.newaxis])
         observation, rewards, truncated, infos = episodes.look()
+        self._show()
         return first(observation), rewards.item(0), False, truncated.item(0), first_info(infos)
 
     def render(self) -> Any:
-        """The picture of ``render_mode``: colours, shape (height, width, 3), or depth (m), shape (height, width)."""
-        return None if self.render_mode is None else self.episodes.picture(0, self.render_mode)
+        """The picture of ``render_mode``: colours, shape (height, width, 3), or depth (m), shape (height, width). ``None`` for
+        ``"human"``, whose page shows each step by itself."""
+        return self.episodes.picture(0, self.render_mode) if self.render_mode in PICTURES else None
 
     def close(self) -> None:
-        """Lets go of the robot: on a rig, the tension is released."""
+        """Lets go of the robot: on a rig, the tension is released. Ends the page of ``"human"``."""
         self.episodes.world.close()
+        self.window.close()
 
 
 class TendonRobotGoalEnv(TendonRobotEnv):

@@ -224,10 +224,14 @@ class Episodes:
             terms = {**terms, "change": -np.square(self.world.changes).mean(axis=1)}
         return {name: settings.weights.get(name, 1.0) * term for name, term in terms.items()}
 
+    def balls(self, row: int) -> tuple[Floats, float]:
+        """Centres of the balls that show what is asked of a row, shape (balls, 3) (m), and their radius (m)."""
+        targets = np.ascontiguousarray(self.task.targets(row, int(self.steps[row])), dtype=np.float64)
+        return targets, (0.015 if len(targets) > 64 else 0.03) * self.world.length
+
     def picture(self, row: int, mode: str) -> NDArray[Any]:
         """Colours of shape (height, width, 3), or for ``mode`` ``"depth_array"`` depth of shape (height, width) (m)."""
-        targets = np.ascontiguousarray(self.task.targets(row, int(self.steps[row])), dtype=np.float64)
-        radius = 0.015 * self.world.length if len(targets) > 64 else 0.03 * self.world.length
+        targets, radius = self.balls(row)
         width, height, camera = self._view
         colors, depth = self.world.picture(row, (width, height), camera, targets, radius)
         return depth if mode == "depth_array" else colors

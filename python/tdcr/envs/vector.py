@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from tdcr._arrays import Floats
-from tdcr.envs.environment import RENDER_MODES, TendonRobotEnv, _of_goals
+from tdcr.envs.environment import PICTURES, TendonRobotEnv, _of_goals
 from tdcr.envs.episodes import Episodes, Observation
 from tdcr.envs.tasks import Infos, Task
 from tdcr.envs.world import Bools
@@ -35,7 +35,11 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
             them by ``reset(options={"reset_mask": ...})``).
     """
 
-    metadata: dict[str, Any] = {**TendonRobotEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {
+        **TendonRobotEnv.metadata,
+        "render_modes": list(PICTURES),
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
@@ -46,8 +50,8 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
         max_episode_steps: int | None = None,
         **arguments: Any,
     ) -> None:
-        if render_mode not in (None, *RENDER_MODES):
-            raise InputError(f"render_mode is {render_mode!r}; expected one of {', '.join(RENDER_MODES)}, or None")
+        if render_mode not in (None, *PICTURES):
+            raise InputError(f"render_mode is {render_mode!r}; expected one of {', '.join(PICTURES)}, or None")
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
         except ValueError:

@@ -18,7 +18,7 @@
  *   {type: "physics", physics: Physics, coefficient: number} | {type: "pictures"} |
  *   {type: "sample", split: string, index: number} | {type: "predict", on: boolean} | {type: "moment", time: number} |
  *   {type: "row", row: number}} Request
- * @typedef {"sample" | "prediction" | "recorded" | "measured"} Role
+ * @typedef {"sample" | "prediction" | "recorded" | "measured" | "marked"} Role
  * @typedef {{role: Role, distance: number, seconds: number, points: Float32Array, colors: Uint8Array}} Cloud
  * @typedef {{id: number, position: number, current: number, temperature: number | null}} Servo
  * @typedef {{time: number, command: number[] | null, servos: Servo[]}} Moment
@@ -38,7 +38,7 @@ const KIND = { frame: 0, cloud: 1, picture: 2, taken: 3 };
 /** @type {Physics[]} */
 const PHYSICS = ["at_rest", "with_friction", "in_motion", "given"];
 /** @type {Role[]} */
-const ROLES = ["sample", "prediction", "recorded", "measured"];
+const ROLES = ["sample", "prediction", "recorded", "measured", "marked"];
 
 /** Numbers of a contact in a frame. */
 const CONTACT = 12;

@@ -72,6 +72,10 @@ const link = new Link({
   moment: (moment) => log.tell(moment),
   cloud(cloud) {
     if (cloud.role === "prediction" && !network.on) return;
+    if (cloud.role === "marked") {
+      stage.target(cloud.points, cloud.distance);
+      return;
+    }
     stage.cloud(cloud);
     if (cloud.role === "sample") samples.tell(cloud);
     if (cloud.role === "prediction") network.tell(cloud);
@@ -136,12 +140,12 @@ const cameras = new Cameras(
   () => link.ask({ type: "pictures" }),
 );
 
+const taken = new Pictures(get("taken"));
+
 const samples = new Samples((split, index) => { begin(); link.ask({ type: "sample", split, index }); }, () => stage.hide("sample"));
 const network = new Network((on) => link.ask({ type: "predict", on }), () => stage.hide("prediction"));
 const log = new Log((time) => link.ask({ type: "moment", time }));
 const file = new RobotFile(
-const taken = new Pictures(get("taken"));
-
   { text: get("toml"), error: get("toml-error"), mark: get("toml-mark"), section: get("robot-section") },
   (toml) => link.ask({ type: "robot", toml }),
 );

@@ -32,9 +32,10 @@ export class Stage {
     this.robot = new THREE.Group();
     this.obstacles = new THREE.Group();
     this.marks = new THREE.Group();
+    this.targets = new THREE.Group();
     /** @type {Map<string, THREE.Points<THREE.BufferGeometry, THREE.PointsMaterial>>} */
     this.clouds = new Map();
-    this.scene.add(this.robot, this.obstacles, this.marks);
+    this.scene.add(this.robot, this.obstacles, this.marks, this.targets);
     /** @type {THREE.Mesh[]} */
     this.solids = [];
     /** @type {THREE.Line<THREE.BufferGeometry, THREE.LineBasicMaterial>[]} */
@@ -155,6 +156,22 @@ export class Stage {
     this.clouds.set(role, made);
     this.scene.add(made);
     this.fade();
+  }
+
+  /** Balls at places that the program marks. @param {Float32Array} places @param {number} radius */
+  target(places, radius) {
+    dispose(this.targets);
+    this.targets.clear();
+    const paint = new THREE.MeshLambertMaterial({ color: 0xdc1e1e });
+    const balls = new THREE.InstancedMesh(new THREE.SphereGeometry(radius, 24, 16), paint, places.length / 3);
+    for (let ball = 0; ball < balls.count; ball++) {
+      const [x, y, z] = places.subarray(3 * ball);
+      balls.setMatrixAt(ball, new THREE.Matrix4().makeTranslation(x, y, z));
+    }
+    balls.frustumCulled = false;
+    this.targets.add(balls);
+    this.dirty = true;
+    document.body.dataset.targets = String(balls.count);
   }
 
   /** @param {import("./link.js").Role} role */

@@ -7,6 +7,9 @@ import pickle
 import re
 import subprocess
 import sys
+import time
+import urllib.request
+import webbrowser
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +54,9 @@ def test_every_task_is_there_for_every_robot() -> None:
 
 @pytest.mark.parametrize("dynamics", [False, True], ids=["rest", "motion"])
 @pytest.mark.parametrize("name", IDS)
-def test_strangers_find_nothing_to_complain_of(name: str, dynamics: bool) -> None:
+def test_strangers_find_nothing_to_complain_of(name: str, dynamics: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Each render mode is tried, that of a page too.
+    monkeypatch.setattr(webbrowser, "open", lambda address: True)
     if dynamics and "Insert" in name:
         pytest.skip("a base that moves does so at rest")
     check_env(gymnasium.make(name, dynamics=dynamics, render_mode="rgb_array").unwrapped)
@@ -340,31 +345,39 @@ def test_pictures_show_the_robot_and_its_target(name: str) -> None:
     assert image[image > 0.0].min() > 0.3 and image.max() < 0.8
 
 
-def test_a_window_is_gymnasiums() -> None:
-    with pytest.warns(UserWarning, match="HumanRendering wrapper is being applied"):
-        env = make("Reach2m", render_mode="human")
-    assert "HumanRendering" in str(env)
+def test_a_page_in_a_browser_shows_the_robot_until_the_environment_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: opened.append(address) or True)
+    env = make("Reach2m", render_mode="human")
+    assert env.unwrapped.window.viewer is None and not opened
+    env.reset(seed=0)
+    (address,) = opened
+    assert urllib.request.urlopen(address).status == 200
+    began = time.monotonic()
+    for _ in range(3):
+        env.step(np.zeros(6))
+    # As fast as the robot, and on the same page.
+    assert time.monotonic() - began > 0.09 and opened == [address]
+    assert env.render() is None
+    twin = copy.deepcopy(env.unwrapped)
+    assert twin.window.viewer is None
+    env.close()
+    with pytest.raises(OSError):
+        urllib.request.urlopen(address)
+    env.close()
+
+
+def test_without_a_browser_the_page_is_served_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(webbrowser, "open", lambda address: False)
+    env = make("Reach2m", render_mode="human")
+    with pytest.warns(UserWarning, match=r"no browser could be started; open http://127\.0\.0\.1"):
+        env.reset(seed=0)
+    assert urllib.request.urlopen(env.unwrapped.window.viewer.address).status == 200
+    env.close()
     with pytest.raises(InputError, match="render_mode is 'ansi'"):
         tdcr.envs.TendonRobotEnv(render_mode="ansi")
-
-
-def test_a_window_shows_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    pygame = pytest.importorskip("pygame", reason="pygame, with which Gymnasium opens windows, is not installed")
-    # No screen is needed.
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    size: dict[str, Any] = {"width": 160, "height": 120}
-    with pytest.warns(UserWarning, match="HumanRendering wrapper is being applied"):
-        window = make("Reach2m", render_mode="human", **size)
-    pictures = make("Reach2m", render_mode="rgb_array", **size)
-    for env in (window, pictures):
-        env.reset(seed=0)
-    for action in (np.zeros(6), np.array([1.0, -1.0, 0.5, 0.0, 1.0, -1.0])):
-        window.step(action)
-        pictures.step(action)
-        shown = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
-        assert shown.any() and np.array_equal(shown, pictures.render())
-    window.close()
-    assert not pygame.display.get_init()
+    with pytest.raises(InputError, match="expected one of rgb_array, depth_array, or None"):
+        tdcr.envs.TendonRobotVectorEnv(2, render_mode="human")
 
 
 @pytest.mark.parametrize("dynamics", [False, True], ids=["rest", "motion"])
