@@ -47,14 +47,21 @@ fn row(state: &ObjectState, force: &Vector3<f64>) -> [f64; WIDTH] {
 pub fn states(rows: &PyReadonlyArray2<'_, f64>, count: usize) -> Outcome<Vec<ObjectState>> {
     let numbers = contiguous(rows, "objects", &[count, STATE])?;
     let rows = numbers.as_chunks::<STATE>().0.iter();
-    Ok(rows
-        .map(|&[x, y, z, qw, qx, qy, qz, vx, vy, vz, wx, wy, wz]| {
-            let turn = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
-            ObjectState {
-                pose: Isometry3::from_parts(Vector3::new(x, y, z).into(), turn),
-                velocity: Vector3::new(vx, vy, vz),
-                angular_velocity: Vector3::new(wx, wy, wz),
-            }
-        })
-        .collect())
+    Ok(rows.map(state).collect())
+}
+
+/// The states of rows that [`write`] wrote.
+pub fn written(rows: &[f64]) -> Vec<ObjectState> {
+    let rows = rows.as_chunks::<WIDTH>().0.iter();
+    rows.filter_map(|row| row.first_chunk().map(state))
+        .collect()
+}
+
+fn state(&[x, y, z, qw, qx, qy, qz, vx, vy, vz, wx, wy, wz]: &[f64; STATE]) -> ObjectState {
+    let turn = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
+    ObjectState {
+        pose: Isometry3::from_parts(Vector3::new(x, y, z).into(), turn),
+        velocity: Vector3::new(vx, vy, vz),
+        angular_velocity: Vector3::new(wx, wy, wz),
+    }
 }

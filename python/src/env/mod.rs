@@ -13,6 +13,7 @@ use tdcr::control::plan::Insertion;
 
 use crate::arrays::{array, contiguous, write_points, write_quaternions};
 use crate::errors::{Failure, Outcome};
+use crate::objects::WIDTH;
 use crate::robot::Robot;
 use crate::run;
 use crate::scene::Scene;
@@ -340,6 +341,21 @@ impl BatchSimulation {
             PyArray1::from_iter(py, touched().map(|touch| touch.sum)),
             array(py, forces, [self.rows.len(), self.discs, 3])?,
         ))
+    }
+
+    /// Objects of the rows' scenes, of which each has as many, shape (rows, objects, 16): position, quaternion (w, x, y, z), velocity,
+    /// angular velocity, and the robot's force on it. Robots that do not move in time have none.
+    fn objects<'py>(&self, py: Python<'py>) -> Outcome<Bound<'py, PyArray3<f64>>> {
+        let width = self.rows[0].shown.objects.len();
+        for (k, row) in self.rows.iter().enumerate() {
+            let (first, found) = (width / WIDTH, row.shown.objects.len() / WIDTH);
+            if found != first {
+                let message = format!("row {k} has {found} objects; expected {first}, as row 0");
+                return Err(Failure::input(message));
+            }
+        }
+        let values = self.gathered(width, |row, out| out.copy_from_slice(&row.shown.objects));
+        Ok(array(py, values, [self.rows.len(), width / WIDTH, WIDTH])?)
     }
 
     /// Tensions of the tendons, shape (rows, tendons) (N).

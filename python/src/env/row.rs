@@ -12,6 +12,7 @@ use tdcr::sim::statics::Settler;
 use super::shown::{Driven, Shown, Touch};
 use crate::arrays::{Tape, flat_points, flat_quaternions};
 use crate::errors::{Failure, Outcome};
+use crate::objects;
 use crate::statics::{read_memory, write_memory};
 
 /// How far a base moves between two equilibria at most, as a share of the widest disc's radius.
@@ -224,6 +225,11 @@ impl Row {
         found.is_ok_and(|found| found.equilibrium.converged)
     }
 
+    /// The obstacles around it, objects where they are now.
+    pub fn scene_now(&self) -> &Scene {
+        (self.driven.moving()).map_or(&self.scene, MovingRobot::scene)
+    }
+
     /// All that its future depends on, and where it was last seen, as numbers for [`Self::restore`].
     pub fn state(&self) -> Vec<f64> {
         let mut out = vec![f64::from(self.failed), self.loads.tip_payload().mass];
@@ -245,6 +251,7 @@ impl Row {
         let touch = &shown.touch;
         out.extend([touch.count as f64, touch.largest, touch.sum]);
         out.extend(flat_points(&touch.on_discs));
+        out.extend(&shown.objects);
         match &self.driven {
             Driven::AtRest(settler) => write_memory(&settler.memory(), &mut out),
             Driven::InContact(_) => {}
@@ -286,6 +293,7 @@ impl Row {
                 sum: tape.number(),
                 on_discs: tape.points(n),
             },
+            objects: tape.take(self.shown.objects.len()).to_vec(),
         };
         match &mut self.driven {
             Driven::AtRest(settler) => {
@@ -293,6 +301,7 @@ impl Row {
             }
             Driven::InContact(_) => {}
             Driven::InMotion(moving) => {
+                moving.place_objects(&objects::written(&self.shown.objects))?;
                 let taken = tape.number();
                 let state = State {
                     configuration: Configuration(tape.quaternions(n)),

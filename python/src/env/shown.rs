@@ -8,6 +8,8 @@ use tdcr::sim::robot::Robot;
 use tdcr::sim::simulation::{MovingRobot, Simulation};
 use tdcr::sim::statics::Settler;
 
+use crate::objects;
+
 /// How a robot is driven.
 pub(super) enum Driven {
     AtRest(Box<Settler>),
@@ -22,6 +24,14 @@ impl Driven {
             Self::AtRest(settler) => settler.as_mut(),
             Self::InContact(settler) => settler.as_mut(),
             Self::InMotion(moving) => moving.as_mut(),
+        }
+    }
+
+    /// A robot that moves in time.
+    pub fn moving(&self) -> Option<&MovingRobot> {
+        match self {
+            Self::InMotion(moving) => Some(moving),
+            Self::AtRest(_) | Self::InContact(_) => None,
         }
     }
 
@@ -84,6 +94,8 @@ pub struct Shown {
     /// Of the tip, the mean over the last advance (m/s); 0 where the robot does not move in time.
     pub velocity: Vector3<f64>,
     pub touch: Touch,
+    /// Objects of its scene, rows of [`objects::WIDTH`]; none where the robot does not move in time.
+    pub objects: Vec<f64>,
 }
 
 impl Shown {
@@ -98,6 +110,7 @@ impl Shown {
             rates: vec![0.0; 3 * discs],
             velocity: Vector3::zeros(),
             touch: Touch::nothing(discs),
+            objects: Vec::new(),
         }
     }
 
@@ -130,5 +143,10 @@ impl Shown {
         self.lengths.copy_from_slice(pose.tendon_lengths);
         self.tensions.copy_from_slice(pose.tendon_tensions);
         self.touch.take(driven.contacts());
+        if let Some(moving) = driven.moving() {
+            self.objects
+                .resize(objects::WIDTH * moving.objects().len(), 0.0);
+            objects::write(moving, &mut self.objects);
+        }
     }
 }

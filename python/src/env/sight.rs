@@ -62,7 +62,7 @@ pub fn picture(
     let mut visuals = Visuals::of_robot(robot, pose, BaseVisibility::Shown);
     visuals.add_tendons(robot, pose);
     visuals.add_payload(robot, pose, &row.loads.tip_payload());
-    visuals.add_scene(&row.scene);
+    visuals.add_scene(row.scene_now());
     for target in targets {
         let ball = Shape::sphere(radius).map_err(|error| Failure::input(error.to_string()))?;
         let [x, y, z] = *target;
@@ -76,7 +76,7 @@ pub fn picture(
 /// Repeats points where they see fewer; all are the tip where they see none.
 pub fn cloud(row: &Row, out: &mut [[f32; 3]]) {
     let mut visuals = Visuals::of_robot(&row.robot, row.shown.pose(), BaseVisibility::Hidden);
-    visuals.add_scene(&row.scene);
+    visuals.add_scene(row.scene_now());
     let mut seen = PointCloud::default();
     for camera in cameras(row, WIDTH, HEIGHT) {
         let mut frame = visuals.render(&camera);

@@ -12,6 +12,7 @@ Importing this module registers them. In one line, ``gymnasium.make("tdcr.envs:t
 ``tdcr/ReachGoal2mDense-v0``   the same, dense
 ``tdcr/ReachObstacle2m-v0``    the tip to a point among obstacles that are drawn for each episode
 ``tdcr/Insert2m-v0``           the robot into a bent tube, also by moving its base
+``tdcr/Push2m-v0``             an object on a table to a place
 ``tdcr/Shape2m-v0``            the whole robot to a shape: poses of the discs, or a point cloud (``target="cloud"``)
 ``tdcr/Payload2m-v0``          the tip to a point with an unknown payload
 ``tdcr/Track2m-v0``            the tip along a path
@@ -42,6 +43,7 @@ _IDS = {
     "ReachGoal{}Dense": "reach_goal_dense",
     "ReachObstacle{}": "reach_obstacle",
     "Insert{}": "insert",
+    "Push{}": "push",
     "Shape{}": "shape",
     "Payload{}": "payload",
     "Track{}": "track",

@@ -30,12 +30,14 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     the robot does not settle, or its motion diverges; ``info["simulation_failed"]`` tells which. It then stands where it
     last was.
 
-    **Copies**, deep ones and pickled ones, go on where the environment was, to the last bit.
+    **Copies**, deep ones and pickled ones, go on where the environment was, to the last bit; among objects that move, from
+    the same state, but not to the last bit.
 
     Args:
         task: Name of a task in :data:`tdcr.envs.TASKS`, or a subclass of :class:`tdcr.envs.Task`.
         robot: Anything that :class:`tdcr.Robot` takes.
-        dynamics: Whether the robot moves in time; else each step leads to the equilibrium of its command.
+        dynamics: Whether the robot moves in time; else each step leads to the equilibrium of its command. Of the task Push alone
+            it is true without being given.
         randomise: Ranges ``(low, high)`` that parameters are drawn from at each reset: names of
             :meth:`tdcr.Robot.with_values`, in SI units; ``"payload"`` (kg); ``"disturbance"``, size of a force on the tip whose
             direction is drawn anew every 10 steps (N); ``"noise"``, standard deviation of what is added to all that is measured,

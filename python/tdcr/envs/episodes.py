@@ -51,6 +51,8 @@ class Episodes:
         settings = {name: arguments.pop(name) for name in list(arguments) if name in known}
         if maker.ranges:
             settings["randomise"] = {**maker.ranges, **settings.get("randomise", {})}
+        if maker.in_motion:
+            settings.setdefault("dynamics", True)
         count = as_count(count, "num_envs", 1, 10**6)
         self.world = world(count, Settings(**settings), tuple(maker.ranges), maker.insertion, maker.in_scenes)
         try:

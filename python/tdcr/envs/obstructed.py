@@ -25,14 +25,14 @@ _CORNERS = 8
 """Corners of a tube's axis, which are rounded off."""
 
 
-def _scene(world: World, obstacles: Sequence[Obstacle]) -> Scene:
+def surroundings(world: World, obstacles: Sequence[Obstacle]) -> Scene:
     """Obstacles beside those of the world's own scene, and what that says of the robot's contact with itself."""
     own = world.settings.scene
     scene = Scene([*(() if own is None else own.obstacles), *obstacles])
     return scene if own is None else scene.with_self_contact(own.self_contact)
 
 
-def _across(axis: Floats) -> tuple[Floats, Floats]:
+def across(axis: Floats) -> tuple[Floats, Floats]:
     """Two unit vectors at right angles to another, and to each other."""
     least = np.eye(3)[np.abs(axis).argmin()]
     first = np.cross(axis, least)
@@ -40,7 +40,7 @@ def _across(axis: Floats) -> tuple[Floats, Floats]:
     return first, np.cross(axis, first)
 
 
-def _widest(world: World) -> float:
+def widest(world: World) -> float:
     """Largest radius of a disc (m)."""
     return max(float(module["radius"]) for module in world.robot.to_dict()["modules"])
 
@@ -65,7 +65,7 @@ class ReachObstacle(Reach):
         super().__init__(world)
         self.width = 3 + 4 * self.obstacles
         self.goal = np.zeros((world.count, self.width), dtype=np.float32)
-        self._widest = _widest(world)
+        self._widest = widest(world)
 
     def check_ranges(self) -> None:
         low, high = self.world.draws.ranges["ball_radius"]
@@ -81,7 +81,7 @@ class ReachObstacle(Reach):
             balls = self._balls(rng)
             self.goal[row, 3:] = np.column_stack([world.scaled(balls[:, :3]), balls[:, 3] / world.length]).ravel()
             named = [Obstacle.sphere(f"ball {k}", ball[3], position=ball[:3], color=_BALLS) for k, ball in enumerate(balls)]
-            world.surround(row, _scene(world, named))
+            world.surround(row, surroundings(world, named))
         world.settle_anywhere(rows, rngs)
         rows = list(rows)
         self.goal[rows, :3] = world.scaled(world.simulation.positions()[rows, -1])
@@ -89,7 +89,7 @@ class ReachObstacle(Reach):
     def _balls(self, rng: np.random.Generator) -> Floats:
         """Centres and radii of balls around the straight robot, shape (obstacles, 4) (m)."""
         world = self.world
-        first, second = _across(world.axis)
+        first, second = across(world.axis)
         balls = np.empty((self.obstacles, 4))
         for ball in balls:
             radius = world.length * rng.uniform(*world.draws.ranges["ball_radius"])
@@ -132,8 +132,8 @@ class Insert(Task):
         if not 0.0 < as_number(clearance, "clearance") <= 10.0:
             raise InputError(f"clearance is {clearance}; expected a share of the disc's radius above 0, 10 at most")
         super().__init__(world, 3 * count)
-        self._depth, self._play = depth * world.length, clearance * _widest(world)
-        self._radius = _widest(world) + self._play
+        self._depth, self._play = depth * world.length, clearance * widest(world)
+        self._radius = widest(world) + self._play
         self._points = count
         # Of each tube's axis, from before its mouth to the goal.
         self._axes: Floats = np.zeros((world.count, _CORNERS + 2, 3))
@@ -147,14 +147,14 @@ class Insert(Task):
 
     def draw(self, rows: Sequence[int], rngs: Rngs) -> None:
         world = self.world
-        first, second = _across(world.axis)
+        first, second = across(world.axis)
         for row, rng in zip(rows, rngs, strict=True):
             bend, angle = world.draws.values["bend"][row], rng.uniform(0.0, 2.0 * np.pi)
             side = np.cos(angle) * first + np.sin(angle) * second
             beyond = self._depth + _BEYOND * world.length
             tube = self._along(bend / self._depth, side, np.linspace(0.0, beyond, _CORNERS))
             named = Obstacle.pipe("tube", self._radius, path=tube, color=_TUBE)
-            world.surround(row, _scene(world, [named]))
+            world.surround(row, surroundings(world, [named]))
             inside = np.linspace(0.0, self._depth, _CORNERS)
             before = np.array([-1.0 * world.length])
             self._axes[row] = self._along(bend / self._depth, side, np.concatenate([before, inside, [self._depth]]))

@@ -39,6 +39,7 @@ class Task:
             own and are drawn into ``world.draws.values``.
         insertion: How far bases are inserted along their axes, in lengths of the robot, where they move.
         in_scenes: Whether it puts obstacles around each row, by ``world.surround``.
+        in_motion: Whether robots move in time where ``dynamics`` is not given.
         terms: Names of the reward's terms.
         options: Names of what ``reset(options=...)`` may ask for besides what all tasks take, which :meth:`asked` reads.
         width: Entries of the goal in an observation.
@@ -50,6 +51,7 @@ class Task:
     ranges: ClassVar[Mapping[str, tuple[float, float]]] = {}
     insertion: ClassVar[float | None] = None
     in_scenes: ClassVar[bool] = False
+    in_motion: ClassVar[bool] = False
     terms: ClassVar[tuple[str, ...]] = ("task",)
     options: ClassVar[tuple[str, ...]] = ()
 
