@@ -65,7 +65,7 @@ pub fn run(path: &Path) -> Result<()> {
         }
         let time = STEP * step as f64;
         let force: Vector3<f64> = stepper.contacts().iter().map(|contact| contact.force).sum();
-        forces.push([time, force.norm() * MM]);
+        forces.push([time, force.norm()]);
         for (way, pose) in ways.iter_mut().zip(&poses) {
             way.push([time, -pose.translation.vector.x * MM]);
         }
@@ -82,7 +82,7 @@ pub fn run(path: &Path) -> Result<()> {
         pushed(1)
     );
     let strongest = forces.iter().map(|[_, force]| *force).fold(0.0, f64::max);
-    println!("the contacts with the robot bear up to {strongest:.1} mN");
+    println!("the contacts with the robot bear up to {strongest:.1} N");
     std::fs::write(path, figure(&moments, forces, ways).to_svg())?;
     println!("picture: {}", path.display());
     Ok(())
@@ -138,7 +138,7 @@ fn figure(moments: &[Moment], forces: Vec<[f64; 2]>, ways: [Vec<[f64; 2]>; 2]) -
         title: "A robot pushes a box, and the box a ball".into(),
         caption: format!(
             "Robot 2m, a box of 20 g and a ball of 10 g on a table with friction 0.3, every {:.2} s from the start (green) to the end (colours). \
-             Right: how far they are, and the force of the contacts on the robot.",
+             Right: how far they are, and the force of the contacts on the robot, highest where the box comes to a stop.",
             STEP * SHOWN as f64
         ),
         panels: vec![
@@ -154,7 +154,7 @@ fn figure(moments: &[Moment], forces: Vec<[f64; 2]>, ways: [Vec<[f64; 2]>; 2]) -
             ),
             plot(
                 "Force on the robot",
-                "force (mN)",
+                "force (N)",
                 vec![mark("robot", Ink::Blue, forces)],
             ),
         ],

@@ -76,7 +76,7 @@ fn plan_in_clutter_draws_the_balls_and_what_a_straight_line_would_hit() {
 fn push_draws_the_robot_and_what_it_pushes() {
     let svg = picture(push::run);
     assert_stands_alone(&svg);
-    for says in ["robot", "box", "ball", "force (mN)"] {
+    for says in ["robot", "box", "ball", "force (N)"] {
         assert!(svg.contains(says), "{says}");
     }
 }
