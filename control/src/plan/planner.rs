@@ -13,6 +13,7 @@ use super::error::{Limit, PlanError, Refusal};
 use super::goal;
 use super::search::Search;
 use super::shorten::{Stop, holds, shorten, trace};
+use super::smooth::smooth;
 use super::space::{Insertion, Space, Stance};
 use super::surroundings::{Near, Surroundings};
 use super::tree::Tree;
@@ -350,9 +351,7 @@ impl MotionPlanner {
             if let Some(met) = met {
                 let corners = search.corners(met);
                 let way = trace(search.walker, &corners);
-                let way = way.map(|way| shorten(search.walker, way, seed));
-                let way = way.and_then(|way| holds(search.walker, &way).map(|()| way));
-                match way {
+                match way.and_then(|way| finished(search.walker, way, seed)) {
                     Ok(way) => return Ok((way, search.nodes())),
                     Err(halt) => search.halts.count(halt),
                 }
@@ -404,6 +403,16 @@ impl MotionPlanner {
             clearance: closest.map(|found| found.distance),
             tensions: here.tensions.clone(),
         }
+    }
+}
+
+/// A way without needless length and corners that holds: where the rounded one does not, that with corners.
+fn finished(walker: &mut Walker, way: Vec<Stop>, seed: u64) -> Result<Vec<Stop>, Halt> {
+    let short = shorten(walker, way, seed);
+    let smooth = smooth(walker, short.clone());
+    match holds(walker, &smooth) {
+        Ok(()) => Ok(smooth),
+        Err(_) => holds(walker, &short).map(|()| short),
     }
 }
 

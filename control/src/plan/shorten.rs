@@ -38,7 +38,8 @@ pub(super) fn trace(walker: &mut Walker, corners: &[Stop]) -> Result<Vec<Stop>, 
     Ok(stops)
 }
 
-fn go(walker: &mut Walker, to: &[f64], stops: &mut Vec<Stop>) -> Result<(), Halt> {
+/// Goes to a place; hands over all stops on the way.
+pub(super) fn go(walker: &mut Walker, to: &[f64], stops: &mut Vec<Stop>) -> Result<(), Halt> {
     walker.walk(to, |place| {
         stops.push(Stop {
             at: place.at.clone(),

@@ -1,7 +1,7 @@
 //! Going over a plan in steps ten times as fine, with nothing of the planner.
 
-use nalgebra::{UnitQuaternion, Vector3};
-use tdcr_control::plan::MotionPlan;
+use nalgebra::{DVector, UnitQuaternion, Vector3};
+use tdcr_control::plan::{MotionPlan, PlanStep};
 use tdcr_sim::geometry::Beads;
 use tdcr_sim::robot::{Loads, Robot};
 use tdcr_sim::scene::Scene;
@@ -92,4 +92,22 @@ pub fn farthest(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
         .zip(b)
         .map(|(a, b)| (a - b).norm())
         .fold(0.0, f64::max)
+}
+
+/// The largest angle between two successive straight lines of a plan, commands in shares of the tendons' ranges (rad).
+pub fn sharpest_corner(robot: &Robot, plan: &MotionPlan) -> f64 {
+    let ranges: Vec<f64> = robot
+        .tendons()
+        .iter()
+        .map(|t| t.range[1] - t.range[0])
+        .collect();
+    let shares = |step: &PlanStep| {
+        let values = step.stance.command.as_slice().iter().zip(&ranges);
+        DVector::from_iterator(ranges.len(), values.map(|(value, range)| value / range))
+    };
+    let places: Vec<_> = plan.steps.iter().map(shares).collect();
+    let ways = places.windows(2).map(|pair| &pair[1] - &pair[0]);
+    let ways: Vec<_> = ways.filter(|way| way.norm() > 1e-9).collect();
+    let angles = ways.windows(2).map(|pair| pair[0].angle(&pair[1]));
+    angles.fold(0.0, f64::max)
 }

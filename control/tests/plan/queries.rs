@@ -4,7 +4,7 @@ use tdcr_control::plan::{Goal, MotionPlan, MotionPlanner, PlanError, PlanSetting
 use tdcr_sim::contact::ContactSettler;
 use tdcr_sim::robot::{Loads, Robot};
 
-use crate::check::{check, farthest, gap};
+use crate::check::{check, farthest, gap, sharpest_corner};
 use crate::random::{CLEARANCE, Query, query};
 
 /// What ends a search.
@@ -15,12 +15,12 @@ enum Budget {
     Seconds(f64),
 }
 
-/// Plans queries of a robot; the share that is solved within the budget.
-fn solved(name: &str, queries: std::ops::Range<u64>, budget: Budget) -> f64 {
+/// Plans queries of a robot; the share that is solved within the budget, and the plans' sharpest corners in the mean (rad).
+fn solved(name: &str, queries: std::ops::Range<u64>, budget: Budget) -> [f64; 2] {
     let robot = Robot::load(name).unwrap();
     let count = queries.end - queries.start;
     let (mut times, mut steps, mut settled) = (Vec::new(), 0, 0);
-    let mut reasons = Vec::new();
+    let (mut reasons, mut corners) = (Vec::new(), 0.0);
     let settings = PlanSettings {
         clearance: CLEARANCE,
         seconds: 1e6,
@@ -45,6 +45,7 @@ fn solved(name: &str, queries: std::ops::Range<u64>, budget: Budget) -> f64 {
                 times.push(processor_seconds() - began);
                 settled += plan.effort.settled;
                 steps += plan.steps.len();
+                corners += sharpest_corner(&robot, &plan);
                 assert_holds(&robot, &query, &plan, &format!("{name} {index}"));
             }
             Err(error @ (PlanError::NotFound { .. } | PlanError::Interrupted)) => {
@@ -53,20 +54,22 @@ fn solved(name: &str, queries: std::ops::Range<u64>, budget: Budget) -> f64 {
             Err(error) => panic!("{name} {index}: {error}"),
         }
     }
+    let corner = corners / times.len() as f64;
     times.sort_by(f64::total_cmp);
     let quantile = |share: f64| times[((times.len() - 1) as f64 * share) as usize];
     eprintln!(
         "{name}: {} of {count}; seconds {:.3} median, {:.3} of 90 %, {:.3} at most; {:.1} us for each of {settled} equilibria; {} \
-         steps in the mean{}",
+         steps, sharpest corner {:.1} degrees in the mean{}",
         times.len(),
         quantile(0.5),
         quantile(0.9),
         quantile(1.0),
         1e6 * times.iter().sum::<f64>() / settled as f64,
         steps / times.len(),
+        corner.to_degrees(),
         reasons.concat()
     );
-    times.len() as f64 / count as f64
+    [times.len() as f64 / count as f64, corner]
 }
 
 fn assert_holds(robot: &Robot, query: &Query, plan: &MotionPlan, which: &str) {
@@ -120,7 +123,9 @@ fn processor_seconds() -> f64 {
 #[test]
 fn most_random_queries_are_solved_and_their_plans_hold_in_steps_ten_times_as_fine() {
     for name in ["2m", "3m", "5m"] {
-        assert!(solved(name, 0..30, Budget::Nodes(300)) >= 0.9, "{name}");
+        let [share, corner] = solved(name, 0..30, Budget::Nodes(300));
+        assert!(share >= 0.9, "{name}");
+        assert!(corner.to_degrees() < 3.0, "{name}: corners are rounded off");
     }
 }
 
@@ -130,9 +135,7 @@ fn most_random_queries_are_solved_and_their_plans_hold_in_steps_ten_times_as_fin
 fn of_a_thousand_random_queries_95_percent_are_solved_within_two_seconds_of_a_processor() {
     let count = std::env::var("QUERIES").map_or(1000, |count| count.parse().unwrap());
     for name in ["2m", "3m", "5m"] {
-        assert!(
-            solved(name, 0..count, Budget::Seconds(2.0)) >= 0.95,
-            "{name}"
-        );
+        let [share, _] = solved(name, 0..count, Budget::Seconds(2.0));
+        assert!(share >= 0.95, "{name}");
     }
 }
