@@ -13,6 +13,8 @@ use tdcr_sim::robot::{Command, Loads, Robot};
 
 /// Steps in one frame at most.
 const STEPS: usize = 6;
+/// Dampings that are tried in one step at most: the next frame goes on with the others.
+const TRIALS: usize = 2;
 /// Time of a frame after which no settle is begun any more: half of what 60 Hz leave.
 const TIME: Duration = Duration::from_millis(8);
 /// A disc that comes nearer by less than this in a frame (m) is left where it is.
@@ -39,7 +41,7 @@ enum Step {
     Nearer(Command),
     /// No command was found under which it is.
     Stuck,
-    /// There was no time to find one.
+    /// Others are still to be tried.
     Late,
 }
 
@@ -107,7 +109,7 @@ impl Hand {
                     self.let_go();
                     break;
                 }
-                // It is tried on with more damping.
+                // The next frame tries on with more damping.
                 Step::Late => return Ok(command),
             }
         }
@@ -133,7 +135,7 @@ impl Hand {
         let first = self.damping;
         for (place, &damping) in DAMPING.iter().enumerate().skip(first) {
             self.damping = place;
-            if place > first && Instant::now() >= until {
+            if place > first && (place == first + TRIALS || Instant::now() >= until) {
                 return Ok(Step::Late);
             }
             let step = step(&robot, command, slope, wanted, damping);
@@ -154,8 +156,7 @@ impl Hand {
             }
             settler.settle_from(&before.configuration, command, loads)?;
         }
-        // Where the disc cannot come, less damping is not tried all over again in each frame.
-        self.damping = DAMPING.len() - 2;
+        self.damping = 0;
         Ok(Step::Stuck)
     }
 }
