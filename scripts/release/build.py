@@ -10,7 +10,8 @@ scripts/release/build.py --no-verify    does not compile the packaged crates, wh
 scripts/release/build.py --allow-dirty  takes a checkout with changes; what it makes names no commit
 
 On Linux, programs are linked by zig against the C library of GLIBC, the oldest that Rust's own library runs on, whatever is
-installed here. maturin then refuses a wheel that needs a newer one. Builds are those of the tests, but for the last link.
+installed here. maturin then refuses a wheel that needs a newer one. Builds are of the profile `dist`: those of the tests, optimised
+across crates.
 """
 
 import argparse
@@ -101,7 +102,7 @@ def sections(program):
 
 def wheel(tools, dist, python):
     """The wheel, in the smallest build that runs on the oldest systems."""
-    options = ["--release", "--locked", "--interpreter", python, "--out", dist]
+    options = ["--profile", "dist", "--locked", "--interpreter", python, "--out", dist]
     if ON_LINUX:
         options += ["--compatibility", PLATFORM]
     run(tools.maturin, "build", *options, "--", *tools.linker())
@@ -156,9 +157,9 @@ def packed(files, archive, time):
 def command_line(tools, dist, number, target, time):
     """The command with completions and manual pages."""
     # With the wheel's crate, so that both share one build of what they depend on.
-    run("cargo", "rustc", "--release", "--locked", "--bin", "tdcr", "-p", "tdcr", "--", *tools.linker())
+    run("cargo", "rustc", "--profile", "dist", "--locked", "--bin", "tdcr", "-p", "tdcr", "--", *tools.linker())
     suffix = ".exe" if os.name == "nt" else ""
-    program = target / "release" / f"tdcr{suffix}"
+    program = target / "dist" / f"tdcr{suffix}"
     host = re.search(r"host: (\S+)", text_of("rustc", "-vV"))[1]
     name = f"tdcr-{number}-{host}"
     files = {f"{name}/bin/tdcr{suffix}": (program.read_bytes(), 0o755)}
