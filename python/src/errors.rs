@@ -238,8 +238,8 @@ impl From<PipelineError> for Failure {
 fn class_of(error: &PipelineError) -> &'static str {
     match error {
         PipelineError::Capture(CaptureStop::Ended { ended, .. }) => class_of_end(ended),
-        PipelineError::Capture(_) => "RigError",
         PipelineError::Metric(_)
+        | PipelineError::Capture(CaptureStop::Given { .. })
         | PipelineError::ComparedPoints { .. }
         | PipelineError::Compare(_)
         | PipelineError::Train(TrainRunError::OwnSampler { .. })
@@ -251,6 +251,7 @@ fn class_of(error: &PipelineError) -> &'static str {
             | EvalError::NoMethod
             | EvalError::FewPredicted { .. },
         ) => "InputError",
+        PipelineError::Capture(_) => "RigError",
         _ => "TrainError",
     }
 }

@@ -106,6 +106,8 @@ class CaptureReport:
         skew: Largest difference between the times of the pictures of a sample (s).
         drift: How far what is seen of the robot at home moved since the first look, at the most (m).
         current_drift: How much a servo's current at home changed since the first look, at the most (A).
+        repeatability: Root mean square distance of the centres of the clouds of one command from their mean, over the commands
+            that were captured more than once (m), if some were. A centre is the mean of the points seen.
         rested: Time that servos rested because they were hot (s).
         recalled: Times that a servo lost its turns, and its home was found again.
         rig_seconds: Time that the rig took, by its own clock (s).
@@ -119,6 +121,7 @@ class CaptureReport:
     skew: float
     drift: float
     current_drift: float
+    repeatability: float | None
     rested: float
     recalled: int
     rig_seconds: float
@@ -358,7 +361,8 @@ class Rig:
         self,
         out: PathLike = "data",
         *,
-        commands: int = 200,
+        commands: int | Any = 200,
+        repeat: int = 1,
         points: int = 10_000,
         voxel: float = 0.002,
         seed: int = 0,
@@ -374,8 +378,11 @@ class Rig:
 
         Args:
             out: Folder of the data set.
-            commands: Number of commands, split 80/10/10 into train, val and test; of fewer than 10 one tests and one
+            commands: Number of random commands, or the commands themselves, of shape (commands, tendons) (m), which are checked
+                before anything moves. They are split 80/10/10 into train, val and test; of fewer than 10 one tests and one
                 validates, as far as they go.
+            repeat: Captures each command so many times: all of them once, then all again. A later call with more adds to the
+                data set, and all samples of a command are in one split.
             points: Points per cloud.
             voxel: Edge of the voxels that thin the fused clouds (m).
             seed: Seed of commands, samples and splits.
@@ -390,8 +397,11 @@ class Rig:
             RigError: After the tension was released, with the reason.
             DataError: For a folder that holds something else, or cannot be written.
         """
+        is_number = isinstance(commands, int | float | np.number)
         options = {
-            "commands": as_count(commands, "commands"),
+            "commands": as_count(commands, "commands") if is_number else 1,
+            "given": None if is_number else as_float(commands, "commands", ("commands", self.robot.tendons)).tolist(),
+            "repeat": as_count(repeat, "repeat", 1),
             "points": as_count(points, "points", 1, MOST),
             "voxel": as_number(voxel, "voxel"),
             "seed": as_seed(seed),

@@ -1,15 +1,18 @@
 //! `tdcr capture`.
 
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
 use tdcr::hw::capture::Program;
+use tdcr::hw::plan::{Place, PlanError};
 use tdcr::hw::rig::{Pace, Rig, RigFile};
 use tdcr::learn::data::split_indices;
 use tdcr::pipeline::{CaptureReport, CaptureSettings, Monitor, capture};
 use tdcr::report::counted;
 
+use super::commands::read_commands;
 use super::console::{Console, Interrupted};
 use super::faults::FaultArgs;
 
@@ -18,7 +21,8 @@ const FEW: usize = 10;
 
 /// Make a data set with a rig: move the robot, see it with the rig's cameras, keep the clouds
 ///
-/// The robot has to be homed (tdcr home). Commands are drawn so that no tendon goes slack and none is overloaded. Interrupted,
+/// The robot has to be homed (tdcr home). Commands are drawn so that no tendon goes slack and none is overloaded, or are those of
+/// --commands-file. Interrupted,
 /// the tension is released, and the same command goes on where it stopped; with more --commands it adds to the set.
 /// Besides the clouds, DIR/capture.jsonl holds what the servos did.
 #[derive(Debug, Args)]
@@ -28,6 +32,10 @@ pub(super) struct CaptureArgs {
     rig: PathBuf,
     #[command(flatten)]
     settings: CaptureSettings,
+    /// Capture the commands of a file in its order, in place of random ones: one per line (CSV; or JSON, a list of lists), one
+    /// number per tendon (m), as tdcr settle --commands reads them. All are checked before anything moves
+    #[arg(long, value_name = "FILE", conflicts_with = "commands")]
+    commands_file: Option<PathBuf>,
     #[command(flatten)]
     faults: FaultArgs,
     /// Print what would move, and touch nothing
@@ -69,21 +77,18 @@ struct Rehearsal {
 
 pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the data set")?;
-    let settings = &args.settings;
-    let splits = split_indices(settings.commands, settings.seed)?;
     let file = super::load_rig(&args.rig)?;
+    let mut settings = args.settings.clone();
+    if let Some(commands) = &args.commands_file {
+        settings.given = Some(given(commands, &file, settings.seed, console)?);
+    }
+    let settings = &settings;
+    // Refuses more samples than a data set may have, before they are counted up.
+    split_indices(settings.samples(), settings.seed)?;
     if args.dry_run {
         return rehearse(&file, settings, console);
     }
-    if splits.val.is_empty() || splits.test.is_empty() || settings.commands < FEW {
-        tracing::warn!(
-            "{}: {} train, {} val, {} test; {FEW} or more are split 80/10/10, and the same command with more adds to the set",
-            counted(settings.commands, "sample"),
-            splits.train.len(),
-            splits.val.len(),
-            splits.test.len()
-        );
-    }
+    tell_of_few(settings)?;
     let mut rig = Rig::open_file(file, Pace::Computed)?;
     args.faults.schedule(&rig)?;
     let report = capture(&mut rig, settings, &args.out, console)?;
@@ -99,12 +104,19 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
             moving,
             drift,
             sentinels,
+            repeatability,
             rig_seconds,
             ..
         } = summary.report;
+        let repeats = repeatability.map_or(String::new(), |spread| {
+            format!(
+                "\nrepeats of a command: centres of their clouds {:.2} mm (RMS) from their mean",
+                1e3 * spread
+            )
+        });
         format!(
             "{}: {} on rig {}, {captured} of them now, in {rig_seconds:.0} s of the rig; {moving} while something still moved\n\
-             drift at home: {:.2} mm at the most, in {}",
+             drift at home: {:.2} mm at the most, in {}{repeats}",
             summary.dir.display(),
             counted(samples, "cloud"),
             summary.rig,
@@ -114,40 +126,82 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
     })
 }
 
-/// Tells what would move, command by command, in memory that does not grow with their number.
-fn rehearse(file: &RigFile, settings: &CaptureSettings, console: &Console) -> anyhow::Result<()> {
-    let mut program = Program::new(file, settings.seed)?;
-    settings.mask_folder(file.spec.cameras.len(), 0..settings.commands)?;
-    let mut at = program.rest().clone();
-    let mut ranges = vec![[0, 0]; file.spec.servos.ids.len()];
-    let mut steps = 0;
-    console.begin("dry run", settings.commands as u64, 0);
-    console.part(&head(&file.spec.name, console)?)?;
-    for index in 0..settings.commands {
+/// The commands of a file, each once it is known that the rig can take it: what is refused is told with its line and column.
+fn given(
+    commands: &Path,
+    file: &RigFile,
+    seed: u64,
+    console: &Console,
+) -> anyhow::Result<Vec<Vec<f64>>> {
+    let program = RefCell::new(Program::new(file, seed)?);
+    read_commands(commands, |row| {
         if console.interrupted() {
             return Err(Interrupted.into());
         }
-        let drawn = program.draw(index as u64)?;
-        let path = program.path(&at, &drawn.shape)?;
-        let ticks: Vec<i32> = program
-            .goals(&drawn.command)?
-            .iter()
-            .map(|goal| goal.0)
-            .collect();
+        let values = row.unloaded()?;
+        let taken = program.borrow_mut().given(&values);
+        taken.map_err(|error| match error {
+            PlanError::Limit { tendon, .. } | PlanError::Tension { tendon, .. } => {
+                anyhow::Error::new(error).context(format!("column c{tendon}"))
+            }
+            error => error.into(),
+        })?;
+        Ok(values)
+    })
+}
+
+/// Warns where samples are too few for the shares of the splits.
+fn tell_of_few(settings: &CaptureSettings) -> anyhow::Result<()> {
+    let (samples, commands) = (settings.samples(), settings.distinct());
+    let splits = split_indices(commands, settings.seed)?.repeated(samples, commands);
+    if splits.val.is_empty() || splits.test.is_empty() || commands < FEW {
+        let more = match settings.cycle() {
+            None => ", and the same command with more adds to the set",
+            Some(_) => "",
+        };
+        tracing::warn!(
+            "{}: {} train, {} val, {} test; {FEW} or more commands are split 80/10/10{more}",
+            counted(samples, "sample"),
+            splits.train.len(),
+            splits.val.len(),
+            splits.test.len()
+        );
+    }
+    Ok(())
+}
+
+/// Tells what would move, command by command, in memory that does not grow with their number.
+fn rehearse(file: &RigFile, settings: &CaptureSettings, console: &Console) -> anyhow::Result<()> {
+    let mut program = Program::new(file, settings.seed)?;
+    let samples = settings.samples();
+    settings.mask_folder(file.spec.cameras.len(), 0..samples)?;
+    let mut at = Place::from(program.rest());
+    let mut ranges = vec![[0, 0]; file.spec.servos.ids.len()];
+    let mut steps = 0;
+    console.begin("dry run", samples as u64, 0);
+    console.part(&head(&file.spec.name, console)?)?;
+    for index in 0..samples {
+        if console.interrupted() {
+            return Err(Interrupted.into());
+        }
+        let place = settings.place(index, &mut program)?;
+        let command = program.command_at(&place)?;
+        let path = program.path(at, place.clone())?;
+        let ticks: Vec<i32> = program.goals(&command)?.iter().map(|goal| goal.0).collect();
         for ([low, high], &ticks) in ranges.iter_mut().zip(&ticks) {
             (*low, *high) = ((*low).min(ticks), (*high).max(ticks));
         }
         steps += path.len();
         let told = Move {
             index,
-            command: drawn.command.as_slice().to_vec(),
+            command: command.as_slice().to_vec(),
             ticks,
             steps: path.len(),
         };
         console.part(&told.text(console)?)?;
-        at = drawn.shape;
+        at = place;
         console.advance(1);
-        if (index + 1) % (settings.commands / 10).max(100) == 0 {
+        if (index + 1) % (samples / 10).max(100) == 0 {
             console.note(&format!(
                 "{} s of motion",
                 (steps as f64 * file.spec.motion.period).round()

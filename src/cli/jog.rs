@@ -129,17 +129,18 @@ fn obey(
     console.tell(
         "1 to 9: module; w a s d: bend; + -: tension; h: straight; c: capture; q: let go and end",
     );
+    let rest = session.program().rest().clone();
     while let Some(key) = jogged.key(&mut session, keys, console)? {
         if let Some(chosen) = key
             .to_digit(10)
             .and_then(|digit| (digit as usize).checked_sub(1))
-            && chosen < session.shape().0.len()
+            && chosen < rest.0.len()
         {
             module = chosen;
             continue;
         }
-        let rest = session.program().rest().clone();
-        let Some(shape) = turned(session.shape(), &rest, module, key, args) else {
+        let at = session.place().shape().unwrap_or(&rest);
+        let Some(shape) = turned(at, &rest, module, key, args) else {
             continue;
         };
         match session.visit(shape) {

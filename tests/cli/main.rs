@@ -8,6 +8,7 @@ mod calibrate_clouds;
 mod calibrate_priors;
 mod calibrate_wild;
 mod capture;
+mod capture_given;
 mod collect_scene;
 mod colors;
 mod compare;

@@ -23,7 +23,7 @@ pub use still::{StillDepth, Stillness};
 use std::ops::ControlFlow;
 
 use crate::mask::MaskFolder;
-use crate::plan::Shape;
+use crate::plan::Place;
 use crate::rig::Rig;
 use tendons::Scale;
 
@@ -34,7 +34,7 @@ pub struct Session<'a> {
     fuser: Fuser,
     masks: Option<MaskFolder>,
     /// Where the robot is.
-    at: Shape,
+    at: Place,
     reference: Option<Sentinel>,
     /// What each servo takes, as of the last look whether tendons pull; none before.
     scales: Vec<Scale>,

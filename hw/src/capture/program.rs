@@ -3,7 +3,7 @@
 use tdcr_sim::robot::{Command, Robot};
 
 use super::CaptureError;
-use crate::plan::{Bend, Drawn, Draws, PlanError, Planner, Shape};
+use crate::plan::{Bend, Drawn, Draws, Place, PlanError, Planner, Shape};
 use crate::rig::{RigFile, Winch};
 use crate::servo::Ticks;
 
@@ -64,20 +64,52 @@ impl Program {
         self.draws.draw(index, &mut self.planner)
     }
 
-    /// The way from one shape to another that can be reached from home.
+    /// A command (m, one for each tendon) that somebody gives, once it is known that no tendon goes slack and none is overloaded
+    /// under it and on the straight way to it from home.
+    ///
+    /// # Errors
+    /// As [`Planner::straight_between`]; [`PlanError::Command`] for what is no command of the robot.
+    pub fn given(&mut self, values: &[f64]) -> Result<Command, PlanError> {
+        let command = self.command(values)?;
+        let (rest, place) = (&self.draws.rest, command.clone());
+        self.planner.straight_between(&rest.into(), &place.into())?;
+        Ok(command)
+    }
+
+    /// The command of these values (m, one for each tendon).
+    ///
+    /// # Errors
+    /// [`PlanError::Command`] for what is no command of the robot.
+    pub fn command(&self, values: &[f64]) -> Result<Command, PlanError> {
+        Ok(self.planner.robot().command(values)?)
+    }
+
+    /// The command of a place.
+    ///
+    /// # Errors
+    /// As [`Planner::command_at`].
+    pub fn command_at(&mut self, place: &Place) -> Result<Command, PlanError> {
+        self.planner.command_at(place)
+    }
+
+    /// The way from one place to another that can be reached from home.
     ///
     /// # Errors
     /// As [`Planner::path`].
-    pub fn path(&mut self, from: &Shape, to: &Shape) -> Result<Vec<Command>, PlanError> {
+    pub fn path(
+        &mut self,
+        from: impl Into<Place>,
+        to: impl Into<Place>,
+    ) -> Result<Vec<Command>, PlanError> {
         self.planner.path(from, to, &self.draws.rest)
     }
 
-    /// The tensions (N) that the simulator finds in the tendons of a shape.
+    /// The tensions (N) that the simulator finds in the tendons of a place.
     ///
     /// # Errors
     /// As [`Planner::tensions`].
-    pub fn tensions(&mut self, shape: &Shape) -> Result<Vec<f64>, PlanError> {
-        self.planner.tensions(shape)
+    pub fn tensions(&mut self, place: &Place) -> Result<Vec<f64>, PlanError> {
+        self.planner.tensions(place)
     }
 
     /// The positions of a command, from home.

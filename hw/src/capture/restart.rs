@@ -59,7 +59,7 @@ impl Session<'_> {
         }
         self.rig.engage()?;
         self.rig.go_home()?;
-        self.at = self.program.rest().clone();
+        self.at = self.program.rest().clone().into();
         self.restarted.push(id);
         self.look_home().map(drop)
     }

@@ -14,7 +14,7 @@ use super::still::Stillness;
 use super::wait::{Purpose, Seen};
 use crate::log::{Event, Level, LogRecord};
 use crate::mask::MaskFolder;
-use crate::plan::Shape;
+use crate::plan::Place;
 use crate::rig::{Rig, RigError, WinchState};
 use crate::servo::Ticks;
 
@@ -58,6 +58,19 @@ pub struct Captured {
     pub stillness: Stillness,
 }
 
+impl Captured {
+    /// Mean of the points that were seen (m, world).
+    pub fn centroid(&self) -> [f64; 3] {
+        centroid(&self.cloud)
+    }
+}
+
+/// Mean of the points (m) of a cloud that has some.
+fn centroid(cloud: &PointCloud) -> [f64; 3] {
+    let sum = |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>();
+    [0, 1, 2].map(|axis| sum(axis) / cloud.len() as f64)
+}
+
 /// A look at the robot in its home pose, which tells what has changed since the first one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sentinel {
@@ -95,7 +108,7 @@ impl<'a> Session<'a> {
         Ok(Self {
             fuser,
             masks: settings.masks.clone(),
-            at: program.rest().clone(),
+            at: program.rest().clone().into(),
             program,
             reference,
             scales: Vec::new(),
@@ -111,7 +124,7 @@ impl<'a> Session<'a> {
     }
 
     /// Where the robot is.
-    pub fn shape(&self) -> &Shape {
+    pub fn place(&self) -> &Place {
         &self.at
     }
 
@@ -125,21 +138,40 @@ impl<'a> Session<'a> {
     /// # Errors
     /// [`CaptureError`]; after one of the rig the tension is released.
     pub fn sample(&mut self, index: u64) -> Result<Captured, CaptureError> {
+        let drawn = self.plan(|program| program.draw(index))??;
+        self.sample_at(index, &drawn.shape.into())
+    }
+
+    /// Asks the session's program something. The servos are looked after meanwhile.
+    ///
+    /// # Errors
+    /// As [`Rig::hold_while`].
+    pub fn plan<T: Send>(
+        &mut self,
+        ask: impl FnOnce(&mut Program) -> T + Send,
+    ) -> Result<T, RigError> {
         let program = &mut self.program;
-        let drawn = self.rig.hold_while(|| program.draw(index))??;
+        self.rig.hold_while(|| ask(program))
+    }
+
+    /// Captures the robot in a place, under the number `index`.
+    ///
+    /// # Errors
+    /// As [`visit`](Self::visit) and [`observe`](Self::observe).
+    pub fn sample_at(&mut self, index: u64, place: &Place) -> Result<Captured, CaptureError> {
         self.persist(|session| {
             session.rig.poll()?;
-            session.visit(drawn.shape.clone())?;
+            session.visit(place.clone())?;
             session.observe(index)
         })
     }
 
-    /// Brings the robot into a shape.
+    /// Brings the robot into a shape, or to a command.
     ///
     /// # Errors
     /// [`CaptureError::Plan`] where it cannot be reached, and nothing has moved; else as [`sample`](Self::sample).
-    pub fn visit(&mut self, shape: Shape) -> Result<(), CaptureError> {
-        self.visit_watched(shape, &mut |_| {})
+    pub fn visit(&mut self, place: impl Into<Place>) -> Result<(), CaptureError> {
+        self.visit_watched(place, &mut |_| {})
     }
 
     /// The same; `seen` is told after each step what the servos do.
@@ -148,16 +180,19 @@ impl<'a> Session<'a> {
     /// As [`visit`](Self::visit).
     pub fn visit_watched(
         &mut self,
-        shape: Shape,
+        place: impl Into<Place>,
         seen: &mut dyn FnMut(&[WinchState]),
     ) -> Result<(), CaptureError> {
+        let place = place.into();
         let (program, at) = (&mut self.program, &self.at);
-        let path = self.rig.hold_while(|| program.path(at, &shape))??;
+        let path = self
+            .rig
+            .hold_while(|| program.path(at.clone(), place.clone()))??;
         for command in &path {
             self.rig.move_along([command], self.go_on)?;
             seen(self.rig.last_states().unwrap_or_default());
         }
-        self.at = shape;
+        self.at = place;
         Ok(())
     }
 
@@ -227,11 +262,8 @@ impl<'a> Session<'a> {
         }
         self.rig.log_event(Level::Info, "a look at home");
         self.rig.log(|| LogRecord::Cloud(cloud.clone()));
-        let count = cloud.len() as f64;
-        let mean =
-            |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
         let mut sentinel = Sentinel {
-            centroid: [mean(0), mean(1), mean(2)],
+            centroid: centroid(&cloud),
             pulls,
             drift: 0.0,
             current_drift: 0.0,
@@ -277,7 +309,7 @@ impl<'a> Session<'a> {
             if temperature < safety.resume_below {
                 self.rig.engage()?;
                 self.rig.go_home()?;
-                self.at = self.program.rest().clone();
+                self.at = self.program.rest().clone().into();
                 return Ok(Some(waited));
             }
             if waited > LONGEST_PAUSE {

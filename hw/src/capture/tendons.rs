@@ -13,7 +13,7 @@ use tdcr_base::stats::median;
 use super::Session;
 use super::error::CaptureError;
 use crate::log::Level;
-use crate::plan::{Bend, Shape};
+use crate::plan::{Bend, Place, Shape};
 use crate::rig::WinchState;
 
 /// Share of what a servo should take below which its tendon is slack: of the median servo's at home, and of its own in a sample.
@@ -54,7 +54,7 @@ impl Session<'_> {
         let tense = Shape(rest.0.iter().map(tense).collect());
         self.visit(tense.clone())?;
         let [pulls, friction] = self.rig().gauge_friction()?;
-        let tensions = self.tensions(&tense)?;
+        let tensions = self.tensions(&tense.into())?;
         self.visit(rest)?;
         let expected = median(&mut pulls.clone());
         let weakest = pulls.iter().zip(self.rig().winches());
@@ -77,10 +77,10 @@ impl Session<'_> {
         Ok(pulls)
     }
 
-    /// The simulated tensions (N) of a shape.
-    fn tensions(&mut self, shape: &Shape) -> Result<Vec<f64>, CaptureError> {
+    /// The simulated tensions (N) of a place.
+    fn tensions(&mut self, place: &Place) -> Result<Vec<f64>, CaptureError> {
         let program = &mut self.program;
-        Ok(self.rig.hold_while(|| program.tensions(shape))??)
+        Ok(self.rig.hold_while(|| program.tensions(place))??)
     }
 
     /// Compares what the servos take, standing at their goals, with what the simulated tensions would; where a tendon may have

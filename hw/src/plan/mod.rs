@@ -11,4 +11,4 @@ mod shape;
 
 pub use draw::{CommandSettings, Drawn, Draws};
 pub use path::{PlanError, Planner};
-pub use shape::{Bend, Shape, ShapeError, Shaper};
+pub use shape::{Bend, Place, Shape, ShapeError, Shaper};

@@ -4,7 +4,7 @@ use tdcr_sim::robot::{Command, CommandError, Loads, Robot};
 use tdcr_sim::statics::Settler;
 use thiserror::Error;
 
-use super::shape::{Shape, ShapeError, Shaper};
+use super::shape::{Place, Shape, ShapeError, Shaper};
 
 /// Distance along a path (m, of the tendon that moves the most) at which tensions are asked of the simulator.
 const CHECK_EVERY: f64 = 5e-4;
@@ -138,6 +138,21 @@ impl Planner {
     /// [`PlanError::Command`], [`PlanError::Limit`].
     pub fn command(&mut self, shape: &Shape) -> Result<Command, PlanError> {
         let values = self.shaper.commands(shape);
+        self.within_limits(&values)
+    }
+
+    /// The command of a place, within limits.
+    ///
+    /// # Errors
+    /// As [`command`](Self::command).
+    pub fn command_at(&mut self, place: &Place) -> Result<Command, PlanError> {
+        match place {
+            Place::Shape(shape) => self.command(shape),
+            Place::Command(command) => self.within_limits(command.as_slice()),
+        }
+    }
+
+    fn within_limits(&self, values: &[f64]) -> Result<Command, PlanError> {
         for (tendon, (&command, &[low, high])) in values.iter().zip(&self.limits).enumerate() {
             if !(low..=high).contains(&command) {
                 return Err(PlanError::Limit {
@@ -148,15 +163,15 @@ impl Planner {
                 });
             }
         }
-        Ok(self.robot().command(&values)?)
+        Ok(self.robot().command(values)?)
     }
 
-    /// The tensions (N) that the simulator finds under the command of a shape, followed from where it was last asked for.
+    /// The tensions (N) that the simulator finds under the command of a place, followed from where it was last asked for.
     ///
     /// # Errors
     /// As [`command`](Self::command); [`PlanError::NotSettled`].
-    pub fn tensions(&mut self, shape: &Shape) -> Result<Vec<f64>, PlanError> {
-        let command = self.command(shape)?;
+    pub fn tensions(&mut self, place: &Place) -> Result<Vec<f64>, PlanError> {
+        let command = self.command_at(place)?;
         let settled = self.settler.follow(&command, &Loads::default());
         match settled.converged {
             true => Ok(settled.tendon_tensions.to_vec()),
@@ -171,6 +186,28 @@ impl Planner {
     /// [`PlanError`]: the first thing that is wrong on the way.
     pub fn straight(&mut self, from: &Shape, to: &Shape) -> Result<Vec<Command>, PlanError> {
         let ends = [self.command(from)?, self.command(to)?];
+        self.line(ends, |planner, part| {
+            planner.command(&from.toward(to, part))
+        })
+    }
+
+    /// The same between places of which one at least is no shape, on the straight line of commands.
+    fn straight_commands(&mut self, from: &Place, to: &Place) -> Result<Vec<Command>, PlanError> {
+        let ends = [self.command_at(from)?, self.command_at(to)?];
+        let [start, end] = [&ends[0], &ends[1]].map(|command| command.as_slice().to_vec());
+        self.line(ends, |planner, part| {
+            let values = start.iter().zip(&end);
+            let values: Vec<f64> = values.map(|(a, b)| a + part * (b - a)).collect();
+            Ok(planner.robot().command(&values)?)
+        })
+    }
+
+    /// The steps of a line between two commands, of which `between` says those on the way by their part of it.
+    fn line(
+        &mut self,
+        ends: [Command; 2],
+        mut between: impl FnMut(&mut Self, f64) -> Result<Command, PlanError>,
+    ) -> Result<Vec<Command>, PlanError> {
         let [start, end] = [&ends[0], &ends[1]].map(Command::as_slice);
         let length = start
             .iter()
@@ -184,7 +221,7 @@ impl Planner {
             return Err(PlanError::TooLong { steps, step });
         }
         let steps = steps as usize;
-        let between = (CHECK_EVERY / self.step).floor().max(1.0) as usize;
+        let checked = (CHECK_EVERY / self.step).floor().max(1.0) as usize;
         self.settler.settle(&ends[0], &Loads::default());
         (1..=steps)
             .map(|k| {
@@ -192,14 +229,29 @@ impl Planner {
                 let command = match k == steps {
                     // As it was drawn, to the last bit.
                     true => ends[1].clone(),
-                    false => self.command(&from.toward(to, part))?,
+                    false => between(self, part)?,
                 };
-                if k % between == 0 || k == steps {
+                if k % checked == 0 || k == steps {
                     self.check(&command, part)?;
                 }
                 Ok(command)
             })
             .collect()
+    }
+
+    /// The same between places: on the straight line of commands where one of them is no shape.
+    ///
+    /// # Errors
+    /// As [`straight`](Self::straight).
+    pub fn straight_between(
+        &mut self,
+        from: &Place,
+        to: &Place,
+    ) -> Result<Vec<Command>, PlanError> {
+        match (from, to) {
+            (Place::Shape(from), Place::Shape(to)) => self.straight(from, to),
+            _ => self.straight_commands(from, to),
+        }
     }
 
     /// The same by way of `rest` where the straight line leads past a bound; the way from `rest` to `to` has to be one.
@@ -208,15 +260,17 @@ impl Planner {
     /// As [`straight`](Self::straight), of the way by `rest`.
     pub fn path(
         &mut self,
-        from: &Shape,
-        to: &Shape,
+        from: impl Into<Place>,
+        to: impl Into<Place>,
         rest: &Shape,
     ) -> Result<Vec<Command>, PlanError> {
-        if let Ok(path) = self.straight(from, to) {
+        let (from, to) = (from.into(), to.into());
+        if let Ok(path) = self.straight_between(&from, &to) {
             return Ok(path);
         }
-        let mut path = self.straight(from, rest)?;
-        path.extend(self.straight(rest, to)?);
+        let rest = rest.into();
+        let mut path = self.straight_between(&from, &rest)?;
+        path.extend(self.straight_between(&rest, &to)?);
         Ok(path)
     }
 

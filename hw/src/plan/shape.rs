@@ -3,7 +3,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::dynamics::{Integrator, State};
-use tdcr_sim::robot::{CommandUnit, Robot};
+use tdcr_sim::robot::{Command, CommandUnit, Robot};
 use tdcr_sim::simulation::{MovingRobot, Simulation};
 use thiserror::Error;
 
@@ -20,6 +20,43 @@ pub struct Bend {
 /// What is asked of a robot: a [`Bend`] for each module, from the base up.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shape(pub Vec<Bend>);
+
+/// Where a robot is brought.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Place {
+    /// Into a shape.
+    Shape(Shape),
+    /// To where a command leads that somebody has given: its tendons need not agree on a shape.
+    Command(Command),
+}
+
+impl From<Shape> for Place {
+    fn from(shape: Shape) -> Self {
+        Self::Shape(shape)
+    }
+}
+
+impl From<&Shape> for Place {
+    fn from(shape: &Shape) -> Self {
+        Self::Shape(shape.clone())
+    }
+}
+
+impl From<Command> for Place {
+    fn from(command: Command) -> Self {
+        Self::Command(command)
+    }
+}
+
+impl Place {
+    /// The shape; `None` for a command that somebody has given.
+    pub fn shape(&self) -> Option<&Shape> {
+        match self {
+            Self::Shape(shape) => Some(shape),
+            Self::Command(_) => None,
+        }
+    }
+}
 
 /// Why a robot has no shapes.
 #[derive(Clone, Debug, Error, PartialEq)]

@@ -108,6 +108,7 @@ pub fn check_with(
     let mut done = 0;
     let mut findings = vec![];
     let mut seen = HashMap::new();
+    let repeats = set.meta().is_some_and(|meta| meta.cycle().is_some());
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; set.normalisation().motor_min.len()];
     let mut radius: f64 = 0.0;
     for (split, paths) in shards {
@@ -122,6 +123,8 @@ pub fn check_with(
                 let second = Place { split, index };
                 match seen.entry(condition.key()) {
                     Entry::Vacant(vacant) => drop(vacant.insert(second)),
+                    // Repeats of a command are all in one split.
+                    Entry::Occupied(first) if repeats && first.get().split == split => {}
                     Entry::Occupied(first) => findings.push(Finding::Duplicate {
                         first: *first.get(),
                         second,

@@ -87,6 +87,10 @@ pub struct Recording {
     pub base: BaseVisibility,
     /// Edge of the voxel grid that thinned the fused clouds (m).
     pub voxel_size: f64,
+    /// Number of commands after which they come again, so that sample `i` has command `i % cycle`: all samples of a command are in
+    /// the same split. `None` where each sample has a command of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cycle: Option<usize>,
     /// What else of the rig decides about commands and clouds.
     pub settings: Value,
 }
@@ -188,6 +192,11 @@ impl Meta {
             let expected = VoxelGrid::EXPECTED_SIZE;
             return invalid("voxel_size", &recording.voxel_size, expected);
         }
+        if let Origin::Recorded { recording } = &self.origin
+            && recording.cycle == Some(0)
+        {
+            return invalid("cycle", &0, "1 or more commands");
+        }
         self.origin.recipe().map_or(Ok(()), Recipe::check)
     }
 
@@ -237,17 +246,27 @@ impl Meta {
 
     /// Which samples are in which split.
     pub(super) fn splits(&self) -> Result<SplitIndices, DataError> {
-        match self.given_split() {
-            Some(split) => Ok(split.clone()),
-            None => split_indices(self.count, self.seed),
+        match (self.given_split(), self.cycle()) {
+            (Some(split), _) => Ok(split.clone()),
+            (None, Some(cycle)) => Ok(split_indices(cycle, self.seed)?.repeated(self.count, cycle)),
+            (None, None) => split_indices(self.count, self.seed),
         }
     }
 
     /// Samples of a split.
     pub(super) fn split_size(&self, split: Split) -> usize {
-        match self.given_split() {
-            Some(given) => given.of(split).len(),
-            None => split_size(self.count, split),
+        match (self.given_split(), self.cycle()) {
+            (Some(given), _) => given.of(split).len(),
+            (None, Some(_)) => self.splits().map_or(0, |splits| splits.of(split).len()),
+            (None, None) => split_size(self.count, split),
+        }
+    }
+
+    /// Number of commands after which they come again, where that is less than all.
+    pub(super) fn cycle(&self) -> Option<usize> {
+        match &self.origin {
+            Origin::Recorded { recording } => recording.cycle.filter(|&cycle| cycle < self.count),
+            Origin::Simulated { .. } | Origin::Imported { .. } => None,
         }
     }
 

@@ -58,6 +58,21 @@ impl SplitIndices {
         }
     }
 
+    /// The split of `count` samples that go through the commands of this one, `cycle` of them, over and over.
+    pub fn repeated(&self, count: usize, cycle: usize) -> Self {
+        let of = |split: Split| {
+            let rounds = (0..count).step_by(cycle.max(1));
+            let all =
+                rounds.flat_map(|first| self.of(split).iter().map(move |index| first + index));
+            all.filter(|&index| index < count).collect()
+        };
+        Self {
+            train: of(Split::Train),
+            val: of(Split::Val),
+            test: of(Split::Test),
+        }
+    }
+
     /// Says what is wrong with the split of `count` samples, if anything.
     pub(super) fn fault(&self, count: usize) -> Option<String> {
         let mut seen = vec![false; count];

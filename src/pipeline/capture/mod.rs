@@ -2,33 +2,30 @@
 
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
-use clap::Args;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use serde::Deserialize;
 use serde_json::json;
 use tdcr_hw::capture::{CaptureError, Session, SessionSettings};
 use tdcr_hw::log::free_space;
-use tdcr_hw::mask::MaskFolder;
-use tdcr_hw::rig::{Rig, RigSpec};
-use tdcr_learn::data::{Collector, Condition, DataError, Meta, Origin, Recording, Sample};
-use tdcr_learn::options::cli::{amount, positive};
+use tdcr_hw::rig::Rig;
+use tdcr_learn::data::{Collector, Condition, DataError, Sample};
 
 use super::collect::stage;
 use super::journal::Journal;
 use super::{CaptureStop, Monitor, PipelineError};
 
 mod record;
+mod repeats;
+mod settings;
 
 pub use record::CaptureReport;
 use record::{Entry, Record};
-
-/// Samples per file on disk.
-const SAMPLES_PER_SHARD: usize = 250;
+use repeats::Repeats;
+pub use settings::CaptureSettings;
 
 /// What was recorded besides the clouds: a file of JSON lines in the data set's folder.
 const JOURNAL: &str = "capture.jsonl";
@@ -36,149 +33,14 @@ const JOURNAL: &str = "capture.jsonl";
 /// Stem of the names of logs in the data set's folder.
 const LOG: &str = "log";
 
-/// Room (bytes) that a sample takes besides its values: a file's headers, a line of the journal with its digits.
-const PER_SAMPLE: usize = 16 << 10;
-
-/// Room (bytes) that a data set takes besides its samples.
-const PER_SET: usize = 1 << 20;
-
 /// Layout of that file.
 const FORMAT: u32 = 1;
-
-/// What is captured. The one list of these options: the command line (`tdcr capture`) and Python (`Rig.capture`) take their names
-/// and types from it, and the former its documentation. In JSON a field has the name of its option.
-#[derive(Clone, Debug, PartialEq, Args, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CaptureSettings {
-    /// Number of commands, split 80/10/10 into train, val and test; of fewer than 10 one tests and one validates, as far as they go
-    #[arg(long, default_value_t = Self::default().commands, value_name = "N", value_parser = amount)]
-    pub commands: usize,
-    /// Points per cloud
-    #[arg(long, default_value_t = Self::default().points, value_name = "N", value_parser = amount)]
-    pub points: usize,
-    /// Edge of the voxels that thin the fused clouds (m)
-    #[arg(long, default_value_t = Self::default().voxel, value_name = "M", value_parser = positive, allow_hyphen_values = true)]
-    pub voxel: f64,
-    /// Seed of commands, samples and splits
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
-    /// Look at the robot in its home pose after so many samples, and say how far it drifts
-    #[arg(long, default_value_t = Self::default().sentinel_every, value_name = "N", value_parser = amount)]
-    pub sentinel_every: usize,
-    /// Folder of masks that another program has written, DIR/camera0/000000.png and so on: they make the clouds, in place of
-    /// the masks of the rig's file
-    #[arg(long, value_name = "DIR")]
-    pub masks: Option<PathBuf>,
-    /// Write no log. Else DIR/log.mcap has all that servos and cameras did, log-2.mcap where the capture is resumed
-    #[arg(long)]
-    pub no_log: bool,
-}
-
-/// 200 clouds of 10,000 points, with a look at the robot at home after every 25.
-impl Default for CaptureSettings {
-    fn default() -> Self {
-        Self {
-            commands: 200,
-            points: 10_000,
-            voxel: 0.002,
-            seed: 0,
-            sentinel_every: 25,
-            masks: None,
-            no_log: false,
-        }
-    }
-}
-
-impl CaptureSettings {
-    /// Room on the disk (bytes) that so many samples still to come take at the most, with those that are there, for so many motors.
-    fn bytes(&self, missing: usize, motors: usize) -> u64 {
-        // Staged: a file for each, of points, colours and command, and a line of the journal. In the end the shards: points twice,
-        // colours, and the command twice.
-        let [staged, sharded] = [15, 27].map(|bytes| bytes * self.points + 8 * motors);
-        (missing * (staged + PER_SAMPLE) + self.commands * sharded + PER_SET) as u64
-    }
-
-    /// The end of a capture that has `kept` samples in the folder `dir`.
-    fn ended(&self, ended: PipelineError, kept: usize, dir: &Path) -> PipelineError {
-        CaptureStop::Ended {
-            ended: Box::new(ended),
-            kept,
-            count: self.commands,
-            path: dir.to_owned(),
-        }
-        .into()
-    }
-
-    fn meta(&self, rig: &Rig) -> Meta {
-        let RigSpec {
-            name,
-            base,
-            servos,
-            cameras,
-            masks,
-            commands,
-            ..
-        } = rig.spec();
-        let sensors: Vec<_> = cameras
-            .iter()
-            .map(|camera| (&camera.serial, camera.sensor))
-            .collect();
-        // What a data set depends on: ports and speeds are none of it.
-        let mut settings = json!({
-            "ids": servos.ids,
-            "directions": servos.directions,
-            "spool_radius": servos.spool_radius,
-            "home_tension": servos.home_tension,
-            "limits": servos.limits,
-            "cameras": sensors,
-            "masks": masks,
-            "commands": commands,
-        });
-        if self.masks.is_some() {
-            settings["masks_by"] = json!("another program");
-        }
-        Meta {
-            format: Meta::FORMAT,
-            tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
-            seed: self.seed,
-            count: self.commands,
-            motors: rig.winches().len(),
-            points_per_cloud: self.points,
-            samples_per_shard: SAMPLES_PER_SHARD,
-            origin: Origin::Recorded {
-                recording: Recording {
-                    rig: name.clone(),
-                    robot: rig.robot().spec().clone(),
-                    base: *base,
-                    voxel_size: self.voxel,
-                    settings,
-                },
-            },
-        }
-    }
-
-    /// The folder of masks, where another program makes them, once it is known to have one for each of these samples and so
-    /// many cameras.
-    ///
-    /// # Errors
-    /// [`CaptureError::Mask`] for the first that is missing.
-    pub fn mask_folder(
-        &self,
-        cameras: usize,
-        samples: impl IntoIterator<Item = usize>,
-    ) -> Result<Option<MaskFolder>, CaptureError> {
-        let masks = self.masks.as_ref().map(MaskFolder::new);
-        if let Some(masks) = &masks {
-            masks.must_have(cameras, samples)?;
-        }
-        Ok(masks)
-    }
-}
 
 /// Captures a data set with a rig in the folder `dir`: the layout of [`collect`](super::collect()), and beside it a journal of
 /// what the servos did (`capture.jsonl`).
 ///
-/// Command `i` follows from the rig's file, the seed and `i` alone. A capture that ended early, however it did, is resumed by
+/// Command `i` follows from the rig's file, the seed and `i` alone, or is one of those given; with `repeat`, the commands come again
+/// after the last of them. A capture that ended early, however it did, is resumed by
 /// the same call, and no sample that was finished is lost; with a larger `count` the set grows. The tension is released
 /// whenever the call returns.
 ///
@@ -194,12 +56,13 @@ pub fn capture(
 ) -> Result<CaptureReport, PipelineError> {
     let began = Instant::now();
     let rig_began = rig.clock().now();
+    settings.check_given(rig.file())?;
     let meta = settings.meta(rig);
     let collector = Collector::open(dir, &meta)?;
     collector.keep_samples(stage("keep samples", monitor))?;
     let missing: BTreeSet<usize> = collector.missing_blocks().into_iter().flatten().collect();
     let mut report = CaptureReport {
-        samples: settings.commands,
+        samples: settings.samples(),
         captured: missing.len(),
         ..CaptureReport::default()
     };
@@ -211,12 +74,16 @@ pub fn capture(
         _ => true,
     };
     let (journal, entries) = Journal::open_kept(&dir.join(JOURNAL), &key, is_kept)?;
-    entries.iter().for_each(|entry| report.count(entry));
+    let mut repeats = Repeats::new(settings.distinct());
+    for entry in &entries {
+        report.count(entry);
+        repeats.count(entry);
+    }
     if !missing.is_empty() {
         monitor.begin(
             "capture",
-            settings.commands as u64,
-            (settings.commands - missing.len()) as u64,
+            settings.samples() as u64,
+            (settings.samples() - missing.len()) as u64,
         );
         let reference = entries.into_iter().find_map(|entry| match entry {
             Entry::Sentinel { sentinel, .. } => Some(sentinel),
@@ -251,6 +118,7 @@ pub fn capture(
             settings,
             journal: &journal,
             report: &mut report,
+            repeats: &mut repeats,
             monitor,
         };
         let begun = Session::begin(rig, &session, reference, &mut go_on);
@@ -266,12 +134,13 @@ pub fn capture(
         captured.map_err(|ended| {
             let missing = collector.missing_blocks();
             let missing: usize = missing.iter().map(ExactSizeIterator::len).sum();
-            settings.ended(ended, settings.commands - missing, dir)
+            settings.ended(ended, settings.samples() - missing, dir)
         })?;
         monitor.end();
     }
     let finished = collector.finish(stage("write shards", monitor));
-    finished.map_err(|ended| settings.ended(ended.into(), settings.commands, dir))?;
+    finished.map_err(|ended| settings.ended(ended.into(), settings.samples(), dir))?;
+    report.repeatability = repeats.spread();
     report.rig_seconds = rig.clock().now().saturating_sub(rig_began).as_secs_f64();
     report.seconds = began.elapsed().as_secs_f64();
     Ok(report)
@@ -292,6 +161,7 @@ struct Recorder<'a> {
     settings: &'a CaptureSettings,
     journal: &'a Journal,
     report: &'a mut CaptureReport,
+    repeats: &'a mut Repeats,
     monitor: &'a dyn Monitor,
 }
 
@@ -368,8 +238,14 @@ impl Recorder<'_> {
     }
 
     fn sample(&mut self, session: &mut Session<'_>, index: usize) -> Result<Sample, PipelineError> {
-        let captured = session.sample(index as u64)?;
-        self.add(session, &Entry::Sample(Record::of(&captured)))?;
+        let settings = self.settings;
+        let place = session.plan(|program| settings.place(index, program));
+        let place = place
+            .map_err(CaptureError::from)?
+            .map_err(CaptureError::from)?;
+        let captured = session.sample_at(index as u64, &place)?;
+        let record = Record::of(&captured, index / settings.distinct());
+        self.add(session, &Entry::Sample(record))?;
         let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
         rng.set_stream(index as u64 | 1 << 63);
         Ok(Sample {
@@ -388,6 +264,7 @@ impl Recorder<'_> {
     /// Adds an entry to the journal. The servos are looked after while that goes to the disk.
     fn add(&mut self, session: &mut Session<'_>, entry: &Entry) -> Result<(), PipelineError> {
         self.report.count(entry);
+        self.repeats.count(entry);
         let journal = self.journal;
         let added = session.rig().hold_while(|| journal.add(entry));
         added.map_err(CaptureError::from)?

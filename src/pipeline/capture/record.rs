@@ -24,6 +24,9 @@ pub struct CaptureReport {
     pub drift: f64,
     /// How much a servo's current at home changed since the first look, at the most (A).
     pub current_drift: f64,
+    /// Root mean square distance of the centres of the clouds of one command from their mean, over all commands that were
+    /// captured more than once (m); none where no command was. Centres are means of the points seen.
+    pub repeatability: Option<f64>,
     /// Times that a servo lost its turns, and its home was found again.
     pub recalled: usize,
     /// The log of this run.
@@ -58,6 +61,12 @@ pub(super) enum Entry {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Record {
     pub(super) index: u64,
+    /// How often its command was captured before.
+    #[serde(default)]
+    repeat: usize,
+    /// Mean of the points seen (m); older journals have none.
+    #[serde(default)]
+    pub(super) centroid: Option<[f64; 3]>,
     /// Time of the rig's clock (s).
     time: f64,
     /// The command (m): the sample's condition.
@@ -79,9 +88,12 @@ pub(super) struct Record {
 }
 
 impl Record {
-    pub(super) fn of(captured: &Captured) -> Self {
+    /// Of a sample whose command was captured `repeat` times before.
+    pub(super) fn of(captured: &Captured, repeat: usize) -> Self {
         Self {
             index: captured.index,
+            repeat,
+            centroid: Some(captured.centroid()),
             time: captured.time.as_secs_f64(),
             command: captured.command.clone(),
             ticks: captured.goals.iter().map(|goal| goal.0).collect(),

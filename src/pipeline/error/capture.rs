@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use tdcr_hw::capture::CaptureError;
+use tdcr_hw::plan::PlanError;
 use thiserror::Error;
 
 use super::PipelineError;
@@ -14,6 +15,14 @@ pub enum CaptureStop {
     /// The rig did not do what it should.
     #[error(transparent)]
     Rig(#[from] CaptureError),
+    /// A command that was given is none that the robot survives. Nothing has moved.
+    #[error("command {row} of those given: {error}")]
+    Given {
+        /// Which, from 0.
+        row: usize,
+        /// What is wrong with it.
+        error: PlanError,
+    },
     /// It ended early. What was captured is kept, and the same call goes on.
     #[error("{ended}; {kept} of {count} samples are kept in {}", path.display())]
     Ended {

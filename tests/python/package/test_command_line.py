@@ -89,6 +89,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
         tdcr.Rig.capture,
         {
             "rig": "self",
+            "commands-file": "commands are also an array",
             "dry-run": "Rig.draw and Rig.goals say what would move",
             "no-log": "log=False",
             "fault": "rehearsals are on the command line",

@@ -84,6 +84,20 @@ def test_a_capture_is_a_data_set_and_grows(small: Path, tmp_path: Path) -> None:
     assert (again.samples, again.captured) == (12, 2)
 
 
+def test_own_commands_are_captured_and_repeated(small: Path, tmp_path: Path) -> None:
+    rig, out = tdcr.Rig(small), tmp_path / "data"
+    commands = np.stack([rig.draw(seed=1), rig.draw(seed=2)])
+    report = rig.capture(out, commands=commands, repeat=2, points=200, log=False)
+    assert (report.samples, report.captured) == (4, 4)
+    assert report.repeatability is not None and 0.0 < report.repeatability < 5e-3
+    with pytest.raises(tdcr.errors.InputError, match=r"shape \(6,\)"):
+        rig.capture(out, commands=commands[0])
+    commands[1, 4] += 2e-3
+    with pytest.raises(tdcr.errors.InputError, match=r"command 1 of those given: tendon \d would have"):
+        rig.capture(tmp_path / "other", commands=commands)
+    assert not (tmp_path / "other").exists()
+
+
 def test_the_empty_scene_is_what_masks_tell_a_robot_from(small: Path, tmp_path: Path) -> None:
     rig, seen = tmp_path / "rig.toml", list[int]()
     shutil.copy(EXAMPLES / "paper-robot.toml", tmp_path)

@@ -67,6 +67,7 @@ fn a_disk_and_a_terminal_that_stall_for_longer_than_the_watchdog_end_nothing() {
         settings: &settings,
         journal: &journal,
         report: &mut report,
+        repeats: &mut Repeats::new(3),
         monitor: &Halted,
     };
     let session = SessionSettings {

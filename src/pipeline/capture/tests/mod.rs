@@ -35,6 +35,8 @@ fn rig_at(pace: Pace, change: impl FnOnce(String) -> String) -> Rig {
 fn settings(commands: usize) -> CaptureSettings {
     CaptureSettings {
         commands,
+        given: None,
+        repeat: 1,
         points: 200,
         voxel: 0.004,
         seed: 5,

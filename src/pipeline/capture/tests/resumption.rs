@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use tdcr_hw::log::{Entry as LogEntry, LogReader};
-use tdcr_hw::mask::{Mask, Shot};
+use tdcr_hw::mask::{Mask, MaskFolder, Shot};
 
 use super::*;
 use crate::pipeline::Silent;
