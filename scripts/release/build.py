@@ -10,8 +10,8 @@ scripts/release/build.py --no-verify    does not compile the packaged crates, wh
 scripts/release/build.py --allow-dirty  takes a checkout with changes; what it makes names no commit
 
 On Linux, programs are linked by zig against the C library of GLIBC, the oldest that Rust's own library runs on, whatever is
-installed here. maturin then refuses a wheel that needs a newer one. Builds are of the profile `dist`: those of the tests, optimised
-across crates.
+installed here. maturin then refuses a wheel that needs a newer one. Builds are of the profile `dist`: those of the tests,
+optimised across crates.
 """
 
 import argparse

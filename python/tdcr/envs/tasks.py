@@ -118,7 +118,7 @@ class Reach(Task):
 
     measurable = True
     options = ("goal",)
-    terms = ("distance",)
+    terms: ClassVar[tuple[str, ...]] = ("distance",)
 
     def __init__(self, world: World) -> None:
         super().__init__(world, 3)

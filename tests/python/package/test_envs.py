@@ -48,7 +48,17 @@ def same(a: Any, b: Any) -> bool:
 
 
 def test_every_task_is_there_for_every_robot() -> None:
-    tasks = ["Insert{}", "Payload{}", "Push{}", "ReachGoal{}", "ReachGoal{}Dense", "ReachObstacle{}", "Reach{}", "Shape{}", "Track{}"]
+    tasks = [
+        "Insert{}",
+        "Payload{}",
+        "Push{}",
+        "ReachGoal{}",
+        "ReachGoal{}Dense",
+        "ReachObstacle{}",
+        "Reach{}",
+        "Shape{}",
+        "Track{}",
+    ]
     assert sorted(f"tdcr/{task.format(robot)}-v0" for task in tasks for robot in ("2m", "3m", "5m")) == IDS
 
 
