@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import webbrowser
 from pathlib import Path
 
 import pytest
 from by_command_line import TINY
 
 import tdcr
+
+
+@pytest.fixture(autouse=True)
+def no_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing opens a browser on the screen of who runs the tests; the page is served as if one had been opened."""
+    monkeypatch.setattr(webbrowser, "open", lambda address: True)
 
 
 @pytest.fixture(scope="session")
