@@ -22,32 +22,36 @@ from playwright.sync_api import Page, sync_playwright
 ROBOTS = ["2m", "3m", "5m"]
 # WebGL by the processor, where there is no graphics card.
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-# The tip is led around a circle about where it is, a frame at a time.
+# The tip is led around a circle about where it is, one move of the hand after the frame that answers the last. A disc that is still
+# on its way goes on in frames of its own, which take the solver's time but answer no move.
 DRAG = """async ([count, radius]) => {
     const { stage } = await import('./main.js');
     const tip = stage.solids.filter((one) => one.userData.disc !== null).at(-1);
     const middle = tip.position.toArray();
-    const found = [];
+    const found = { solves: [], trips: [] };
+    const frames = new MutationObserver(() => found.solves.push(Number(document.body.dataset.solve)));
+    frames.observe(document.body, { attributeFilter: ['data-solve'] });
     for (let step = 0; step < count; step++) {
         const turn = (4 * Math.PI * step) / count;
         const to = [middle[0] + radius * Math.sin(turn), middle[1] + radius * (1 - Math.cos(turn)), middle[2]];
         const before = document.body.dataset.stamp;
         stage.hand.drag(tip.userData.disc, to);
         while (document.body.dataset.stamp === before) await new Promise((done) => setTimeout(done, 0));
-        found.push([Number(document.body.dataset.solve), Number(document.body.dataset.trip)]);
+        found.trips.push(Number(document.body.dataset.trip));
         await new Promise(requestAnimationFrame);
     }
+    frames.disconnect();
     return found;
 }"""
 
 
 def frames(page: Page, address: str, begun: float) -> tuple[float, list[float], list[float]]:
-    """Time to the first frame (s), and of each frame of a drag the solver's time and that from the move to the frame (ms)."""
+    """Time to the first frame (s), the solver's time of each frame of a drag and that from each move to its frame (ms)."""
     page.goto(address)
     page.wait_for_selector("body[data-tip]", state="attached", timeout=120_000)
     first = time.perf_counter() - begun
     found = page.evaluate(DRAG, [240, 0.03])
-    return first, [1e3 * solve for solve, _ in found], [trip for _, trip in found]
+    return first, [1e3 * solve for solve in found["solves"]], found["trips"]
 
 
 def trained(binary: str, folder: pathlib.Path, robot: str) -> pathlib.Path:

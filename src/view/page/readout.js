@@ -44,10 +44,12 @@ export class Readout {
 
   /**
    * @param {import("./link.js").Frame} frame
-   * @param {number} trip time from a request to its frame (ms)
+   * @param {number} trip time from a request to its frame (ms), NaN where the frame answers none
    */
   move(frame, trip) {
     this.past.push({ time: performance.now() / 1e3, tip: frame.tip, tensions: frame.tensions });
+    if (!Number.isNaN(trip)) document.body.dataset.trip = String(trip);
+    const { trip: last } = document.body.dataset;
     const inMotion = frame.physics === "in_motion";
     const settled = frame.converged ? (frame.physics === "with_friction" ? "held by friction" : frame.stability) : "does not settle";
     this.places.title.textContent = { in_motion: "Motion", given: "Given pose" }[/** @type {string} */ (frame.physics)] ?? "Equilibrium";
@@ -63,7 +65,7 @@ export class Readout {
         ["equilibrium", settled, !frame.converged],
         ["solved in", `${(1e3 * frame.solve).toFixed(2)} ms, ${frame.iterations} steps`],
       ])),
-      ["frame", Number.isNaN(trip) ? "-" : `${trip.toFixed(1)} ms`],
+      ["frame", last === undefined ? "-" : `${Number(last).toFixed(1)} ms`],
     ];
     this.places.readings.replaceChildren(...readings.flatMap(([name, text, wrong]) => {
       const [title, value] = [document.createElement("dt"), document.createElement("dd")];
@@ -75,7 +77,7 @@ export class Readout {
     this.touch(frame.contacts);
     Object.assign(document.body.dataset, {
       tip: frame.tip.join(","), command: frame.command.join(","), settled: String(frame.converged), solve: String(frame.solve),
-      trip: String(trip), contacts: String(frame.contacts.length), stamp: String(frame.stamp), physics: frame.physics,
+      contacts: String(frame.contacts.length), stamp: String(frame.stamp), physics: frame.physics,
       time: String(frame.time), tensions: frame.tensions.join(","),
     });
   }
