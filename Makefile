@@ -108,9 +108,10 @@ test-fast:
 	$(REALSENSE) cargo test $(WORKSPACE) --release --locked --lib --test house --test robot
 	cargo test $(WORKSPACE) --release --locked --test statics equilibria
 
-# In release mode: the tests settle tens of thousands of robots and train small networks.
+# In release mode: the tests settle tens of thousands of robots and train small networks. Two at a time for each core: those of
+# rigs wait for servos most of their time.
 test-rust:
-	$(REALSENSE) cargo test $(WORKSPACE) --release --locked
+	$(REALSENSE) RUST_TEST_THREADS=$$((2 * $$(nproc))) cargo test $(WORKSPACE) --release --locked
 
 # With the MuJoCo of MUJOCO_DIR, or else Debian's; then with the newer one of the Python environment.
 # With all packages chosen, the dependencies have the features that they were built with above.

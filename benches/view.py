@@ -22,8 +22,8 @@ from playwright.sync_api import Page, sync_playwright
 ROBOTS = ["2m", "3m", "5m"]
 # WebGL by the processor, where there is no graphics card.
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-# The tip is led around a circle about where it is, one move of the hand after the frame that answers the last. A disc that is still
-# on its way goes on in frames of its own, which take the solver's time but answer no move.
+# The tip is led around a circle about where it is, one move of the hand after the frame that answers the last. A disc that is on
+# its way still goes on in frames of its own, which take the solver's time but answer no move.
 DRAG = """async ([count, radius]) => {
     const { stage } = await import('./main.js');
     const tip = stage.solids.filter((one) => one.userData.disc !== null).at(-1);

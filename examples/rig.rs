@@ -41,11 +41,7 @@ pub fn run(path: &Path) -> Result<Vec<Seen>> {
         // Servos without power forget their turns.
         rig.home_recalled()?;
     }
-    let settings = SessionSettings {
-        seed: 0,
-        voxel_size: 0.002,
-        masks: None,
-    };
+    let settings = SessionSettings::default();
     let mut go_on = || ControlFlow::Continue(());
     let mut session = Session::begin(&mut rig, &settings, None, &mut go_on)?;
     let mut seen = Vec::new();

@@ -239,7 +239,9 @@ fn class_of(error: &PipelineError) -> &'static str {
     match error {
         PipelineError::Capture(CaptureStop::Ended { ended, .. }) => class_of_end(ended),
         PipelineError::Metric(_)
-        | PipelineError::Capture(CaptureStop::Given { .. })
+        | PipelineError::Capture(
+            CaptureStop::Given { .. } | CaptureStop::Payloads { .. } | CaptureStop::Loads(_),
+        )
         | PipelineError::ComparedPoints { .. }
         | PipelineError::Compare(_)
         | PipelineError::Train(TrainRunError::OwnSampler { .. })

@@ -36,6 +36,11 @@ pub fn of_stage(error: &PipelineError) -> Option<String> {
         PipelineError::Train(error) => of_run(error),
         PipelineError::Compare(error) => of_comparison(error),
         PipelineError::Capture(CaptureStop::Rig(CaptureError::Rig(error))) => of_rig(error),
+        PipelineError::Capture(CaptureStop::Ended { ended, .. })
+            if matches!(**ended, PipelineError::Capture(CaptureStop::NotHung { .. })) =>
+        {
+            Some("give hang, a function that has it done".to_owned())
+        }
         PipelineError::Capture(CaptureStop::Ended { .. }) => Some(GO_ON.to_owned()),
         _ => None,
     }

@@ -248,24 +248,24 @@ impl Rig {
     }
 
     /// Makes a data set, or goes on with it.
-    #[pyo3(signature = (out, options, progress = None))]
+    #[pyo3(signature = (out, options, hang = None, progress = None))]
     fn capture(
         &self,
         py: Python<'_>,
         out: PathBuf,
         options: &str,
+        hang: Option<Py<PyAny>>,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> Outcome<String> {
         let settings: CaptureSettings = options_of(options)?;
         let rig = &self.0;
         let report = run::long(py, progress, |watch| -> Outcome<_> {
-            let monitor = Stage::new(&["capture"], watch);
-            Ok(pipeline::capture(
-                &mut *locked(rig)?,
-                &settings,
-                &out,
-                &monitor,
-            )?)
+            let monitor = Stage::new(&["capture"], watch).with_hang(hang.as_ref());
+            let captured = pipeline::capture(&mut *locked(rig)?, &settings, &out, &monitor);
+            match monitor.raised() {
+                Some(raised) => Err(raised.into()),
+                None => Ok(captured?),
+            }
         })??;
         serde_json::to_string(&report).map_err(|error| Failure::Of("DataError", error.to_string()))
     }

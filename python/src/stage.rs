@@ -1,7 +1,9 @@
 //! A stage of the libraries, watched from Python.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
+use pyo3::prelude::*;
 use tdcr::pipeline::Monitor;
 
 use crate::run::Watch;
@@ -11,6 +13,8 @@ pub struct Stage<'a> {
     names: &'static [&'static str],
     watch: &'a Watch,
     running: AtomicBool,
+    hang: Option<&'a Py<PyAny>>,
+    raised: Mutex<Option<PyErr>>,
 }
 
 impl<'a> Stage<'a> {
@@ -21,7 +25,21 @@ impl<'a> Stage<'a> {
             names,
             watch,
             running,
+            hang: None,
+            raised: Mutex::new(None),
         }
+    }
+
+    /// The same; `hang` is called with payloads (kg) that a person is to hang at the tip of a rig, and returns when they hang there.
+    pub fn with_hang(self, hang: Option<&'a Py<PyAny>>) -> Self {
+        Self { hang, ..self }
+    }
+
+    /// What `hang` raised, if it did.
+    pub fn raised(self) -> Option<PyErr> {
+        self.raised
+            .into_inner()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -49,5 +67,18 @@ impl Monitor for Stage<'_> {
 
     fn interrupted(&self) -> bool {
         self.watch.stopped()
+    }
+
+    fn hang(&self, payload: f64) -> bool {
+        let Some(hang) = self.hang else {
+            return false;
+        };
+        match Python::attach(|py| hang.call1(py, (payload,)).map(drop)) {
+            Ok(()) => true,
+            Err(error) => {
+                *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                false
+            }
+        }
     }
 }

@@ -797,6 +797,7 @@ class Rig:
         self,
         out: str,
         options: str,
+        hang: Callable[[float], object] | None = None,
         progress: _Progress = None,
     ) -> str: ...
 

@@ -212,7 +212,11 @@ class Dataset(Sequence[Sample]):
 
     @property
     def payload(self) -> tuple[float, float] | None:
-        """Smallest and largest payload (kg); ``None`` in a data set without payloads."""
+        """Smallest payload besides 0 and largest (kg); ``None`` in a data set without payloads."""
+        recorded = (self.meta or {}).get("origin", {}).get("recorded", {})
+        hung = [mass for mass in recorded.get("recording", {}).get("payloads", []) if mass > 0.0]
+        if hung:
+            return (min(hung), max(hung))
         payload = (self._subject or {}).get("payload")
         return None if payload is None else (payload["min"], payload["max"])
 

@@ -25,7 +25,7 @@ from tdcr._arrays import Floats, Progress, as_count, as_flag, as_float, as_numbe
 from tdcr._files import as_path
 from tdcr._results import Result
 from tdcr.data import MOST, Dataset, PathLike, as_seed
-from tdcr.errors import CommandError, TdcrError
+from tdcr.errors import CommandError, InputError, TdcrError
 from tdcr.robot import Robot
 from tdcr.vision import Cloud, View, as_view
 
@@ -363,6 +363,8 @@ class Rig:
         *,
         commands: int | Any = 200,
         repeat: int = 1,
+        payloads: Sequence[float] = (),
+        hang: Callable[[float], object] | None = None,
         points: int = 10_000,
         voxel: float = 0.002,
         seed: int = 0,
@@ -383,6 +385,10 @@ class Rig:
                 validates, as far as they go.
             repeat: Captures each command so many times: all of them once, then all again. A later call with more adds to the
                 data set, and all samples of a command are in one split.
+            payloads: Captures all commands, with their repeats, under one payload at the tip after another (kg; 0 for none).
+                Payloads are part of the samples' conditions. A set of several payloads does not grow.
+            hang: Is called with each payload before its samples, the rig released, and returns when it hangs at the tip. A
+                simulated rig needs none: it hangs them itself.
             points: Points per cloud.
             voxel: Edge of the voxels that thin the fused clouds (m).
             seed: Seed of commands, samples and splits.
@@ -402,6 +408,7 @@ class Rig:
             "commands": as_count(commands, "commands") if is_number else 1,
             "given": None if is_number else as_float(commands, "commands", ("commands", self.robot.tendons)).tolist(),
             "repeat": as_count(repeat, "repeat", 1),
+            "payloads": as_float(payloads, "payloads", ("payloads",)).tolist(),
             "points": as_count(points, "points", 1, MOST),
             "voxel": as_number(voxel, "voxel"),
             "seed": as_seed(seed),
@@ -409,7 +416,9 @@ class Rig:
             "masks": as_path(masks, "masks") if masks is not None else None,
             "no_log": not as_flag(log, "log"),
         }
-        report = json.loads(self._native.capture(as_path(out, "out"), json.dumps(options), progress=progress))
+        if hang is not None and not callable(hang):
+            raise InputError(f"hang is {hang!r}; expected a function of a payload")
+        report = json.loads(self._native.capture(as_path(out, "out"), json.dumps(options), hang, progress=progress))
         known = {name: report[name] for name in CaptureReport.__dataclass_fields__ if name not in ("data", "log")}
         written = Path(report["log"]) if report["log"] is not None else None
         return CaptureReport(data=Dataset(out), log=written, **known)

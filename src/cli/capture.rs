@@ -58,6 +58,9 @@ struct Summary<'a> {
 #[derive(Serialize)]
 struct Move {
     index: usize,
+    /// kg.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    payload: Option<f64>,
     /// m.
     command: Vec<f64>,
     /// Positions of the servos, from home.
@@ -80,9 +83,10 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
     let file = super::load_rig(&args.rig)?;
     let mut settings = args.settings.clone();
     if let Some(commands) = &args.commands_file {
-        settings.given = Some(given(commands, &file, settings.seed, console)?);
+        settings.given = Some(given(commands, &file, &settings, console)?);
     }
     let settings = &settings;
+    settings.check_payloads()?;
     // Refuses more samples than a data set may have, before they are counted up.
     split_indices(settings.samples(), settings.seed)?;
     if args.dry_run {
@@ -130,24 +134,39 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
 fn given(
     commands: &Path,
     file: &RigFile,
-    seed: u64,
+    settings: &CaptureSettings,
     console: &Console,
 ) -> anyhow::Result<Vec<Vec<f64>>> {
-    let program = RefCell::new(Program::new(file, seed)?);
+    settings.check_payloads()?;
+    let programs = (0..settings.parts()).map(|part| settings.program(file, part));
+    let programs = RefCell::new(programs.collect::<Result<Vec<Program>, _>>()?);
     read_commands(commands, |row| {
         if console.interrupted() {
             return Err(Interrupted.into());
         }
         let values = row.unloaded()?;
-        let taken = program.borrow_mut().given(&values);
-        taken.map_err(|error| match error {
-            PlanError::Limit { tendon, .. } | PlanError::Tension { tendon, .. } => {
-                anyhow::Error::new(error).context(format!("column c{tendon}"))
-            }
-            error => error.into(),
-        })?;
+        for (part, program) in programs.borrow_mut().iter_mut().enumerate() {
+            let taken = program.given(&values);
+            taken.map_err(|error| refused(error, settings.payload_in(part)))?;
+        }
         Ok(values)
     })
+}
+
+/// Why a command of a file cannot be taken under a payload (kg).
+fn refused(error: PlanError, payload: Option<f64>) -> anyhow::Error {
+    let column = match error {
+        PlanError::Limit { tendon, .. } | PlanError::Tension { tendon, .. } => Some(tendon),
+        _ => None,
+    };
+    let mut refused = anyhow::Error::new(error);
+    if let Some(mass) = payload {
+        refused = refused.context(format!("under {mass} kg"));
+    }
+    match column {
+        Some(tendon) => refused.context(format!("column c{tendon}")),
+        None => refused,
+    }
 }
 
 /// Warns where samples are too few for the shares of the splits.
@@ -172,7 +191,8 @@ fn tell_of_few(settings: &CaptureSettings) -> anyhow::Result<()> {
 
 /// Tells what would move, command by command, in memory that does not grow with their number.
 fn rehearse(file: &RigFile, settings: &CaptureSettings, console: &Console) -> anyhow::Result<()> {
-    let mut program = Program::new(file, settings.seed)?;
+    let mut part = 0;
+    let mut program = settings.program(file, part)?;
     let samples = settings.samples();
     settings.mask_folder(file.spec.cameras.len(), 0..samples)?;
     let mut at = Place::from(program.rest());
@@ -184,6 +204,12 @@ fn rehearse(file: &RigFile, settings: &CaptureSettings, console: &Console) -> an
         if console.interrupted() {
             return Err(Interrupted.into());
         }
+        if settings.part_of(index) != part {
+            // In a session of its own, which begins at home.
+            part = settings.part_of(index);
+            program = settings.program(file, part)?;
+            at = Place::from(program.rest());
+        }
         let place = settings.place(index, &mut program)?;
         let command = program.command_at(&place)?;
         let path = program.path(at, place.clone())?;
@@ -194,6 +220,7 @@ fn rehearse(file: &RigFile, settings: &CaptureSettings, console: &Console) -> an
         steps += path.len();
         let told = Move {
             index,
+            payload: settings.payload_in(part),
             command: command.as_slice().to_vec(),
             ticks,
             steps: path.len(),
@@ -233,6 +260,7 @@ impl Move {
             index,
             ticks,
             steps,
+            payload,
             ..
         } = self;
         if console.is_json() {
@@ -240,7 +268,11 @@ impl Move {
             return Ok(format!("{comma}\n    {}", serde_json::to_string(self)?));
         }
         let ticks: Vec<String> = ticks.iter().map(|ticks| format!("{ticks:>6}")).collect();
-        Ok(format!("{index:>7}  {steps:>5}  {}\n", ticks.join(" ")))
+        let payload = payload.map_or(String::new(), |mass| format!("  {mass} kg"));
+        Ok(format!(
+            "{index:>7}  {steps:>5}  {}{payload}\n",
+            ticks.join(" ")
+        ))
     }
 }
 

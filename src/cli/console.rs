@@ -13,6 +13,7 @@ use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 
 use super::Global;
+use super::person;
 use super::printable::printable;
 pub(super) use super::printable::say;
 use super::signals::Signals;
@@ -277,6 +278,21 @@ impl Monitor for Console {
 
     fn interrupted(&self) -> bool {
         self.signals.came()
+    }
+
+    fn hang(&self, payload: f64) -> bool {
+        let request = match payload {
+            0.0 => "The rig is released. Take the payload off the tip".to_owned(),
+            payload => format!("The rig is released. Hang {payload} kg at the tip"),
+        };
+        let ask = || person::does(&request, || self.interrupted());
+        match self.stage.lock() {
+            // A live bar makes room for it.
+            Ok(stage) if stage.is_some() => stage
+                .as_ref()
+                .is_some_and(|running| running.bar.suspend(ask)),
+            _ => ask(),
+        }
     }
 }
 

@@ -175,7 +175,10 @@ fn of_comparison(error: &CompareError) -> Option<String> {
 fn of_capture_stop(error: &CaptureStop) -> Option<String> {
     match error {
         CaptureStop::Rig(error) => of_capture(error),
-        CaptureStop::Given { .. } => None,
+        CaptureStop::Given { .. }
+        | CaptureStop::Payloads { .. }
+        | CaptureStop::Loads(_)
+        | CaptureStop::NotHung { .. } => None,
         CaptureStop::Ended { ended, .. } => {
             let way = of_stage(ended).filter(|_| !ended.is_interruption());
             let ways: Vec<String> = way.into_iter().chain([GO_ON.to_owned()]).collect();

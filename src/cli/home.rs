@@ -6,7 +6,6 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::hw::capture::{Session, SessionSettings};
 use tdcr::hw::rig::{Homing, HomingReport, Pace, Rig, ServoLink};
-use tdcr::pipeline::CaptureSettings;
 
 use super::console::Console;
 
@@ -111,11 +110,7 @@ pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
 
 /// Sees whether every tendon pulls, and what its servo takes for it (A).
 fn check(rig: &mut Rig, console: &Console) -> anyhow::Result<Vec<f64>> {
-    let settings = SessionSettings {
-        seed: 0,
-        voxel_size: CaptureSettings::default().voxel,
-        masks: None,
-    };
+    let settings = SessionSettings::default();
     let mut go_on = || console.go_on();
     let mut session = Session::begin(rig, &settings, None, &mut go_on)?;
     let pulls = session.check_tendons()?;

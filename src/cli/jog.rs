@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tdcr::hw::capture::{CaptureError, Session};
+use tdcr::hw::capture::{CaptureError, Session, SessionSettings};
 use tdcr::hw::plan::{PlanError, Shape};
-use tdcr::hw::rig::{Pace, Rig};
+use tdcr::hw::rig::{LOG_LEAVES, Pace, Rig};
 use tdcr::pipeline::lock_folder;
 use tdcr::report::counted;
 
@@ -13,11 +13,8 @@ use super::console::Console;
 use super::faults::FaultArgs;
 use super::is_interruption;
 use super::jog_tip;
-use super::jogged::{Jogged, end, session_settings};
+use super::jogged::{Jogged, end};
 use super::keys::Keys;
-
-/// Bytes that the log leaves on its disk: some clouds of tens of thousands of points.
-const LOG_LEAVES: u64 = 16 << 20;
 
 /// Bend a robot by keys, and capture what pleases
 ///
@@ -123,7 +120,7 @@ fn obey(
     console: &Console,
 ) -> anyhow::Result<()> {
     let mut go_on = || console.go_on();
-    let mut session = Session::begin(rig, &session_settings(), None, &mut go_on)?;
+    let mut session = Session::begin(rig, &SessionSettings::default(), None, &mut go_on)?;
     session.check_tendons()?;
     let mut module = 0;
     console.tell(

@@ -1,12 +1,12 @@
 //! `tdcr jog --tip`: the tip in the world's axes.
 
 use nalgebra::Vector3;
-use tdcr::hw::capture::Session;
+use tdcr::hw::capture::{Session, SessionSettings};
 use tdcr::hw::rig::{Rig, RigError};
 use tdcr::track::TipSteer;
 
 use super::console::Console;
-use super::jogged::{Jogged, end, session_settings};
+use super::jogged::{Jogged, end};
 use super::keys::Keys;
 
 /// Steers the tip as keys say, each by `step` (m), until one says to end, or a signal does. The tension is released then.
@@ -19,7 +19,7 @@ pub(super) fn obey(
 ) -> anyhow::Result<()> {
     let mut steer = TipSteer::new(rig)?;
     let mut go_on = || console.go_on();
-    let mut session = Session::begin(rig, &session_settings(), None, &mut go_on)?;
+    let mut session = Session::begin(rig, &SessionSettings::default(), None, &mut go_on)?;
     session.check_tendons()?;
     let mut command = session.rig().commanded().ok_or(RigError::Released)?;
     console

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::Serialize;
 use serde_json::json;
-use tdcr::hw::capture::{Captured, Session, SessionSettings};
-use tdcr::pipeline::{CaptureSettings, Monitor};
+use tdcr::hw::capture::{Captured, Session};
+use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::cloud::write_ply;
 
@@ -25,15 +25,6 @@ pub(super) struct Jogged<'a> {
     pub refused: usize,
     /// Clouds that were captured.
     pub captured: usize,
-}
-
-/// How a rig is looked at while keys move it.
-pub(super) fn session_settings() -> SessionSettings {
-    SessionSettings {
-        seed: 0,
-        voxel_size: CaptureSettings::default().voxel,
-        masks: None,
-    }
 }
 
 /// Releases the tension; an error where a signal ended the work.

@@ -33,6 +33,7 @@ mod log;
 mod manual;
 mod new;
 mod output;
+mod person;
 mod picture;
 mod plan;
 mod predict;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 use tdcr::control::tip_path::TipPath;
-use tdcr::hw::rig::{Pace, Rig};
+use tdcr::hw::rig::{LOG_LEAVES, Pace, Rig};
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Robot, RobotSpec};
@@ -21,9 +21,6 @@ use super::loads::vector;
 use super::output;
 use super::scene::SceneArgs;
 use super::track_path::read_path;
-
-/// Bytes that the log of a rig leaves on its disk for the run's tables.
-const LOG_LEAVES: u64 = 16 << 20;
 
 /// Lead the tip along a path by a controller, on a simulated robot that differs from the controller's model
 ///

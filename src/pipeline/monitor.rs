@@ -19,6 +19,12 @@ pub trait Monitor: Sync {
 
     /// Whether the work should stop at the next point where nothing is lost.
     fn interrupted(&self) -> bool;
+
+    /// Has a person hang a payload (kg) at the tip of a robot that is released, 0 for none, and waits until that is done; `false`
+    /// where nobody does.
+    fn hang(&self, _payload: f64) -> bool {
+        false
+    }
 }
 
 /// Shows nothing and never interrupts.

@@ -64,7 +64,7 @@ impl<'a> RigPlant<'a> {
         let settings = SessionSettings {
             seed: options.seed,
             voxel_size: VOXEL,
-            masks: None,
+            ..SessionSettings::default()
         };
         let mut session = Session::begin(rig, &settings, None, go_on)?;
         session.check_tendons()?;

@@ -298,7 +298,7 @@ fn a_report_that_cannot_be_written_takes_no_scores_with_it() {
 fn the_floor_is_of_random_phases_and_a_perfect_predictor_is_shown_beside_it() {
     let folder = tempfile::tempdir().unwrap();
     let [data, run, page] = ["data", "run", "scores.html"].map(|name| folder.path().join(name));
-    let size = ["collect", "--samples", "60", "--points", "10000"];
+    let size = ["collect", "--samples", "30", "--points", "10000"];
     succeed_json(&[&size[..], &["--out", text(&data)]].concat());
     let trained = train_tiny(&data, &run, &[]);
     let model = trained["model"].as_str().unwrap();

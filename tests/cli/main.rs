@@ -9,6 +9,7 @@ mod calibrate_priors;
 mod calibrate_wild;
 mod capture;
 mod capture_given;
+mod capture_payloads;
 mod collect_scene;
 mod colors;
 mod compare;

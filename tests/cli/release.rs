@@ -1,7 +1,7 @@
 //! Every way out of a command that holds torque lets go of it.
 
 use std::fs;
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
@@ -142,6 +142,10 @@ fn is_released(arguments: &[&str], sign: &Sign, signals: &[&str]) {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
+        if arguments.contains(&"--payloads") {
+            // The payload hangs.
+            child.stdin.as_mut().unwrap().write_all(b"\n").ok();
+        }
         let said = listen(child.stderr.take().unwrap());
         let log: Option<PathBuf> = match sign {
             Sign::Log(name) => Some(folder.path().join(name)),
@@ -276,6 +280,8 @@ fn captures_let_go_at_every_signal() {
     ] {
         is_released(&CAPTURE, &Sign::Log("out/log.mcap"), signals);
     }
+    let loaded = [&CAPTURE[..], &["--payloads", "0.02"]].concat();
+    is_released(&loaded, &Sign::Log("out/log.mcap"), &["-TERM"]);
 }
 
 #[test]
@@ -338,7 +344,7 @@ fn jog_leaves_the_terminal_as_it_was() {
         match ending {
             "closed" => terminal.kill().unwrap(),
             signal if signal.starts_with('-') => send(signal, id),
-            keys => std::io::Write::write_all(&mut keyboard, keys.as_bytes()).unwrap(),
+            keys => keyboard.write_all(keys.as_bytes()).unwrap(),
         }
         ended(&mut terminal);
         let began = Instant::now();

@@ -21,9 +21,9 @@ fn demo(out: &Path) -> Command {
     let mut command = tdcr(&[
         "demo",
         "--samples",
-        "30",
+        "12",
         "--steps",
-        "15",
+        "6",
         "--quiet",
         "--out",
         text(out),

@@ -11,13 +11,13 @@ use crate::{
 };
 
 /// Kills of a training run, at moments spread over it.
-const KILLS: u32 = 8;
+const KILLS: u32 = 6;
 
 /// Runs of it that may come to their end instead, before the test gives up.
 const ATTEMPTS: u32 = 10 * KILLS;
 
 fn train(data: &Path, run: &Path) -> Command {
-    let length = ["--steps", "233", "--validate-every", "16", "--quiet"];
+    let length = ["--steps", "133", "--validate-every", "16", "--quiet"];
     let places = ["--data", text(data), "--out", text(run)];
     let mut command = tdcr(&[&TINY_SIZE[..], &length, &places].concat());
     command.stdout(Stdio::null()).stderr(Stdio::null());
@@ -66,8 +66,8 @@ fn training_that_is_killed_at_any_moment_ends_as_if_it_had_not_been() {
     let expected = results(&whole);
     let steps = logged_steps(&expected.0[2]);
     assert_eq!([&[0], &steps[..]].concat(), expected.1);
-    let due = |step: &u64| step.is_multiple_of(10) || step.is_multiple_of(16) || *step == 233;
-    assert!(steps.into_iter().eq((1..=233).filter(due)));
+    let due = |step: &u64| step.is_multiple_of(10) || step.is_multiple_of(16) || *step == 133;
+    assert!(steps.into_iter().eq((1..=133).filter(due)));
 
     let mut run = folder.path().join("killed0");
     let mut kills = 0;

@@ -1,6 +1,6 @@
 //! What a capture is going to do: a function of the rig's file and a seed, so that it can be told without a rig.
 
-use tdcr_sim::robot::{Command, Robot};
+use tdcr_sim::robot::{Command, Loads, Robot};
 
 use super::CaptureError;
 use crate::plan::{Bend, Drawn, Draws, Place, PlanError, Planner, Shape};
@@ -12,6 +12,8 @@ use crate::servo::Ticks;
 pub struct Program {
     winches: Vec<Winch>,
     planner: Planner,
+    /// Those of the same robot under other loads.
+    others: Vec<Planner>,
     draws: Draws,
 }
 
@@ -47,8 +49,22 @@ impl Program {
         Ok(Self {
             winches,
             planner,
+            others: Vec::new(),
             draws,
         })
+    }
+
+    /// The same for a robot that carries these loads. Commands that chance draws are such that it could take them under each of
+    /// the `others`, too.
+    pub fn carrying(self, loads: Loads, others: &[Loads]) -> Self {
+        let others = others.iter();
+        Self {
+            others: others
+                .map(|loads| self.planner.clone().carrying(loads.clone()))
+                .collect(),
+            planner: self.planner.carrying(loads),
+            ..self
+        }
     }
 
     /// The home pose: straight, the tendons of each module with the tension at home of its first one.
@@ -61,7 +77,8 @@ impl Program {
     /// # Errors
     /// As [`Draws::draw`].
     pub fn draw(&mut self, index: u64) -> Result<Drawn, PlanError> {
-        self.draws.draw(index, &mut self.planner)
+        self.draws
+            .draw_for_all(index, &mut self.planner, &mut self.others)
     }
 
     /// A command (m, one for each tendon) that somebody gives, once it is known that no tendon goes slack and none is overloaded

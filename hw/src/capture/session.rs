@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use tdcr_sim::cloud::{PointCloud, VoxelGrid};
+use tdcr_sim::robot::Loads;
 
 use super::Session;
 use super::error::CaptureError;
@@ -34,6 +35,23 @@ pub struct SessionSettings {
     /// Masks of the samples that another program has written, for their clouds: those of the rig's file then only say whether
     /// the robot is still, and where it is at home.
     pub masks: Option<MaskFolder>,
+    /// What the robot carries: tensions are simulated under it.
+    pub loads: Loads,
+    /// What it carries in other sessions whose commands are the same.
+    pub other_loads: Vec<Loads>,
+}
+
+/// Clouds of a point for every 2 mm, of a robot that carries nothing.
+impl Default for SessionSettings {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            voxel_size: 0.002,
+            masks: None,
+            loads: Loads::default(),
+            other_loads: Vec::new(),
+        }
+    }
 }
 
 /// A sample.
@@ -97,7 +115,8 @@ impl<'a> Session<'a> {
         reference: Option<Sentinel>,
         go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<Self, CaptureError> {
-        let program = Program::new(rig.file(), settings.seed)?;
+        let program = Program::new(rig.file(), settings.seed)?
+            .carrying(settings.loads.clone(), &settings.other_loads);
         let fuser = Fuser {
             grid: VoxelGrid::new(settings.voxel_size),
             masker: rig.masker()?,

@@ -93,19 +93,36 @@ pub struct Draws {
 }
 
 impl Draws {
-    /// Command `index`: a function of the settings, the seed and `index` alone. It can be reached from rest in a straight
-    /// line, on which no tendon goes slack or is overloaded.
+    /// Command `index`: a function of the settings, the seed, `index` and what the planners know alone. It can be reached from rest in
+    /// a straight line, on which no tendon goes slack or is overloaded.
     ///
     /// # Errors
     /// [`PlanError::NoCommand`] where chance finds none.
     pub fn draw(&self, index: u64, planner: &mut Planner) -> Result<Drawn, PlanError> {
+        self.draw_for_all(index, planner, &mut [])
+    }
+
+    /// The same for a robot that carries now this and now that: a command that can be reached by each of the planners.
+    ///
+    /// # Errors
+    /// As [`draw`](Self::draw).
+    pub fn draw_for_all(
+        &self,
+        index: u64,
+        planner: &mut Planner,
+        others: &mut [Planner],
+    ) -> Result<Drawn, PlanError> {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(index);
         let modules = planner.robot().spec().modules.len();
         let mut last = None;
         for _ in 0..MAX_DRAWS {
             let shape = self.settings.draw(modules, &mut rng);
-            match planner.straight(&self.rest, &shape) {
+            let mut reached = planner.straight(&self.rest, &shape);
+            for other in others.iter_mut() {
+                reached = reached.and_then(|path| other.straight(&self.rest, &shape).map(|_| path));
+            }
+            match reached {
                 Ok(path) => {
                     let Some(command) = path.into_iter().next_back() else {
                         continue;

@@ -94,6 +94,8 @@ pub struct Planner {
     tension: [f64; 2],
     /// Largest step of a tendon (m).
     step: f64,
+    /// What the robot carries.
+    loads: Loads,
 }
 
 impl Planner {
@@ -119,7 +121,13 @@ impl Planner {
             limits,
             tension,
             step,
+            loads: Loads::default(),
         })
+    }
+
+    /// The same for a robot that carries these loads.
+    pub fn carrying(self, loads: Loads) -> Self {
+        Self { loads, ..self }
     }
 
     /// The robot.
@@ -172,7 +180,7 @@ impl Planner {
     /// As [`command`](Self::command); [`PlanError::NotSettled`].
     pub fn tensions(&mut self, place: &Place) -> Result<Vec<f64>, PlanError> {
         let command = self.command_at(place)?;
-        let settled = self.settler.follow(&command, &Loads::default());
+        let settled = self.settler.follow(&command, &self.loads);
         match settled.converged {
             true => Ok(settled.tendon_tensions.to_vec()),
             false => Err(PlanError::NotSettled { part: 1.0 }),
@@ -222,7 +230,7 @@ impl Planner {
         }
         let steps = steps as usize;
         let checked = (CHECK_EVERY / self.step).floor().max(1.0) as usize;
-        self.settler.settle(&ends[0], &Loads::default());
+        self.settler.settle(&ends[0], &self.loads);
         (1..=steps)
             .map(|k| {
                 let part = k as f64 / steps as f64;
@@ -277,7 +285,7 @@ impl Planner {
     /// Refuses a command under which the simulator finds a tendon slack or overloaded. The robot is followed from where it was
     /// last asked for.
     fn check(&mut self, command: &Command, part: f64) -> Result<(), PlanError> {
-        let settled = self.settler.follow(command, &Loads::default());
+        let settled = self.settler.follow(command, &self.loads);
         if !settled.converged {
             return Err(PlanError::NotSettled { part });
         }

@@ -82,6 +82,9 @@ impl RgbdCamera for LoggedCamera {
     }
 }
 
+/// Bytes that a log of somebody at work with a rig leaves on its disk: some clouds of tens of thousands of points, or a run's tables.
+pub const LOG_LEAVES: u64 = 16 << 20;
+
 impl Rig {
     /// Logs from now on, in a new file `STEM.mcap`, `STEM-2.mcap` and so on of `folder`, all that servos are told and say, what
     /// cameras see, commands, and what happens; begins with the robot, the cameras and where home is. With such a log in place

@@ -73,6 +73,7 @@ use crate::servo::{Held, Limited, Logged, PerServo, ServoBus, ServoId, SharedLim
 use crate::simulated::Simulator;
 use crate::simulated::camera::CameraFaults;
 use frozen::LastImages;
+pub use logging::LOG_LEAVES;
 use logging::{LogSlot, LoggedCamera};
 use motion::Drive;
 

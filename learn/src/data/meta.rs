@@ -6,7 +6,7 @@ use std::path::Path;
 use tdcr_base::files::{LARGEST_TEXT, read_text, write_atomically};
 
 use super::DataError;
-use super::conditions::Design;
+use super::conditions::{Design, PayloadRange};
 use super::sample_count::{MAX_SAMPLES, MIN_SAMPLES};
 use super::shard::Sizes;
 use super::simulator::{Recipe, Subject};
@@ -17,6 +17,7 @@ use serde_json::Value;
 use tdcr_sim::cloud::VoxelGrid;
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::RobotSpec;
+use tdcr_sim::scene::Scene;
 
 /// File name of a complete data set's [`Meta`].
 pub(super) const META_FILE: &str = "meta.json";
@@ -91,8 +92,34 @@ pub struct Recording {
     /// the same split. `None` where each sample has a command of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cycle: Option<usize>,
+    /// Payloads (kg) that hung at the tip, one after another, each for as many samples as the others; none where conditions have
+    /// no payload.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub payloads: Vec<f64>,
     /// What else of the rig decides about commands and clouds.
     pub settings: Value,
+}
+
+impl Recording {
+    /// Smallest payload besides 0 and largest; `None` where none hung there.
+    fn payload(&self) -> Option<PayloadRange> {
+        let loaded = self.payloads.iter().copied().filter(|&mass| mass != 0.0);
+        (!self.payloads.is_empty()).then(|| PayloadRange {
+            min: loaded.clone().fold(f64::INFINITY, f64::min),
+            max: loaded.fold(0.0, f64::max),
+        })
+    }
+
+    /// What was seen, where payloads hung at the robot.
+    fn loaded(&self) -> Option<Subject> {
+        self.payload().map(|payload| Subject {
+            robot: self.robot.clone(),
+            base: self.base,
+            payload: Some(payload),
+            scene: Scene::default(),
+            obstacles: None,
+        })
+    }
 }
 
 impl Origin {
@@ -197,12 +224,21 @@ impl Meta {
         {
             return invalid("cycle", &0, "1 or more commands");
         }
+        if let Origin::Recorded { recording } = &self.origin
+            && let Some(range) = recording.payload()
+        {
+            range.check()?;
+        }
         self.origin.recipe().map_or(Ok(()), Recipe::check)
     }
 
-    /// What the clouds show; `None` where they were not simulated.
-    pub fn subject(&self) -> Option<&Subject> {
-        self.origin.recipe().map(|recipe| &recipe.subject)
+    /// What the clouds show, as far as conditions depend on it; `None` where they were neither simulated nor recorded with payloads.
+    pub fn subject(&self) -> Option<Subject> {
+        match &self.origin {
+            Origin::Simulated { recipe, .. } => Some(recipe.subject.clone()),
+            Origin::Recorded { recording } => recording.loaded(),
+            Origin::Imported { .. } => None,
+        }
     }
 
     /// The robot that the clouds show; `None` where nobody says.
@@ -225,8 +261,11 @@ impl Meta {
 
     /// Whether the conditions have payloads.
     pub fn has_payload(&self) -> bool {
-        self.subject()
-            .is_some_and(|subject| subject.payload.is_some())
+        match &self.origin {
+            Origin::Simulated { recipe, .. } => recipe.subject.payload.is_some(),
+            Origin::Recorded { recording } => !recording.payloads.is_empty(),
+            Origin::Imported { .. } => false,
+        }
     }
 
     /// Values of a condition `D`: the motors, and the payload if there is one.

@@ -112,7 +112,7 @@ fn more_unknowns_of_a_backbone_never_end_in_a_worse_fit_than_fewer() {
 /// Sets in each other, each in an order of its own. That these fits end no worse is measured, not guaranteed.
 #[test]
 fn supersets_in_any_order_explain_no_less() {
-    for (trial, stiffness) in [(5, 0.05), (6, 0.0), (10, 0.02)] {
+    for (trial, stiffness) in [(5, 0.05), (6, 0.0)] {
         let nominal = nominal(stiffness);
         let mut rng = ChaCha8Rng::seed_from_u64(trial + 100);
         let mut all = unknowns(&nominal);

@@ -48,7 +48,7 @@ pub(super) fn run(args: &MergeArgs, console: &Console) -> anyhow::Result<()> {
     let splits = split_indices(meta.count, meta.seed)?;
     let merged = Merged {
         dir: args.out.clone(),
-        robot: meta.subject().map(|subject| subject.robot.name.clone()),
+        robot: meta.subject().map(|subject| subject.robot.name),
         parts: args.parts.len(),
         train: splits.of(Split::Train).len(),
         val: splits.of(Split::Val).len(),

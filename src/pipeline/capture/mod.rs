@@ -11,6 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use tdcr_hw::capture::{CaptureError, Session, SessionSettings};
 use tdcr_hw::log::free_space;
+use tdcr_hw::mask::MaskFolder;
 use tdcr_hw::rig::Rig;
 use tdcr_learn::data::{Collector, Condition, DataError, Sample};
 
@@ -40,7 +41,8 @@ const FORMAT: u32 = 1;
 /// what the servos did (`capture.jsonl`).
 ///
 /// Command `i` follows from the rig's file, the seed and `i` alone, or is one of those given; with `repeat`, the commands come again
-/// after the last of them. A capture that ended early, however it did, is resumed by
+/// after the last of them. With payloads all of that comes once for each, in a session of its own: before it the payload is hung at
+/// the tip, by [`Monitor::hang`], or by a simulated rig itself. A capture that ended early, however it did, is resumed by
 /// the same call, and no sample that was finished is lost; with a larger `count` the set grows. The tension is released
 /// whenever the call returns.
 ///
@@ -56,7 +58,7 @@ pub fn capture(
 ) -> Result<CaptureReport, PipelineError> {
     let began = Instant::now();
     let rig_began = rig.clock().now();
-    settings.check_given(rig.file())?;
+    settings.check(rig.file())?;
     let meta = settings.meta(rig);
     let collector = Collector::open(dir, &meta)?;
     collector.keep_samples(stage("keep samples", monitor))?;
@@ -74,7 +76,7 @@ pub fn capture(
         _ => true,
     };
     let (journal, entries) = Journal::open_kept(&dir.join(JOURNAL), &key, is_kept)?;
-    let mut repeats = Repeats::new(settings.distinct());
+    let mut repeats = Repeats::new(settings);
     for entry in &entries {
         report.count(entry);
         repeats.count(entry);
@@ -85,14 +87,6 @@ pub fn capture(
             settings.samples() as u64,
             (settings.samples() - missing.len()) as u64,
         );
-        let reference = entries.into_iter().find_map(|entry| match entry {
-            Entry::Sentinel { sentinel, .. } => Some(sentinel),
-            _ => None,
-        });
-        let mut go_on = || match monitor.interrupted() {
-            true => ControlFlow::Break(()),
-            false => ControlFlow::Continue(()),
-        };
         let needed = settings.bytes(missing.len(), rig.winches().len());
         if let Some(free) = free_space(dir)
             && free < needed
@@ -109,24 +103,15 @@ pub fn capture(
             let log = rig.log_in(dir, LOG, needed);
             report.log = Some(log.map_err(CaptureError::from)?);
         }
-        let session = SessionSettings {
-            seed: settings.seed,
-            voxel_size: settings.voxel,
-            masks,
-        };
-        let recorder = Recorder {
+        let mut work = Work {
             settings,
+            collector: &collector,
             journal: &journal,
             report: &mut report,
             repeats: &mut repeats,
             monitor,
         };
-        let begun = Session::begin(rig, &session, reference, &mut go_on);
-        let captured = begun.map_err(PipelineError::from);
-        let captured = captured.and_then(|session| {
-            let missing = missing.iter().copied();
-            recorder.record(session, missing, |samples| write(&collector, samples))
-        });
+        let captured = work.capture(rig, &missing, masks.as_ref(), &entries);
         // The clouds are worth more than the log.
         if let Err(error) = rig.finish_log() {
             monitor.note(&format!("the log is not whole: {error}"));
@@ -157,27 +142,87 @@ fn write(collector: &Collector, samples: Receiver<Indexed>) -> Result<(), DataEr
 }
 
 /// Captures samples and keeps the journal.
-struct Recorder<'a> {
+struct Work<'a> {
     settings: &'a CaptureSettings,
+    collector: &'a Collector,
     journal: &'a Journal,
     report: &'a mut CaptureReport,
     repeats: &'a mut Repeats,
     monitor: &'a dyn Monitor,
 }
 
-impl Recorder<'_> {
-    /// Captures samples, and has `write` write each while the next is captured.
+impl Work<'_> {
+    /// Captures what is missing, payload by payload, each in a session of its own: between two the rig is released, and home with
+    /// another payload is another pose to be looked at. `entries` are those of earlier runs.
+    fn capture(
+        &mut self,
+        rig: &mut Rig,
+        missing: &BTreeSet<usize>,
+        masks: Option<&MaskFolder>,
+        entries: &[Entry],
+    ) -> Result<(), PipelineError> {
+        let (settings, monitor) = (self.settings, self.monitor);
+        let mut go_on = || match monitor.interrupted() {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        };
+        for part in 0..settings.parts() {
+            let of_part = |index: &usize| settings.part_of(*index) == part;
+            let missing: Vec<usize> = missing.iter().copied().filter(of_part).collect();
+            if missing.is_empty() {
+                continue;
+            }
+            self.hang(rig, part)?;
+            let (loads, other_loads) = settings.loads_in(part).map_err(CaptureStop::from)?;
+            let session = SessionSettings {
+                seed: settings.seed,
+                voxel_size: settings.voxel,
+                masks: masks.cloned(),
+                loads,
+                other_loads,
+            };
+            let payload_here = settings.payload_in(part);
+            let reference = entries.iter().find_map(|entry| match entry {
+                Entry::Sentinel {
+                    payload, sentinel, ..
+                } => (*payload == payload_here).then(|| sentinel.clone()),
+                _ => None,
+            });
+            let session = Session::begin(rig, &session, reference, &mut go_on)?;
+            let collector = self.collector;
+            self.record(session, part, &missing, |samples| write(collector, samples))?;
+        }
+        Ok(())
+    }
+
+    /// Sees to it that the payload of a part hangs at the tip of the rig, which is released.
+    fn hang(&self, rig: &Rig, part: usize) -> Result<(), CaptureStop> {
+        let Some(payload) = self.settings.payload_in(part) else {
+            return Ok(());
+        };
+        if let Some(simulator) = rig.simulator() {
+            let (loads, _) = self.settings.loads_in(part)?;
+            return Ok(simulator.set_loads(loads)?);
+        }
+        match self.monitor.hang(payload) {
+            true => Ok(()),
+            false => Err(CaptureStop::NotHung { payload }),
+        }
+    }
+
+    /// Captures samples of a part, and has `write` write each while the next is captured.
     fn record(
-        mut self,
+        &mut self,
         session: Session<'_>,
-        missing: impl Iterator<Item = usize>,
+        part: usize,
+        missing: &[usize],
         write: impl FnOnce(Receiver<Indexed>) -> Result<(), DataError> + Send,
     ) -> Result<(), PipelineError> {
         // The servos are looked after while samples go to the disk.
         let (out, samples) = sync_channel(1);
         std::thread::scope(|scope| {
             let writer = scope.spawn(|| write(samples));
-            let captured = self.run(session, missing, out);
+            let captured = self.run(session, part, missing, out);
             let written = writer
                 .join()
                 .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
@@ -189,12 +234,13 @@ impl Recorder<'_> {
     fn run(
         &mut self,
         mut session: Session<'_>,
-        missing: impl Iterator<Item = usize>,
+        part: usize,
+        missing: &[usize],
         out: SyncSender<Indexed>,
     ) -> Result<(), PipelineError> {
         let mut since = self.settings.sentinel_every;
         let mut last = 0;
-        for index in missing {
+        for &index in missing {
             if let Some(rested) = session.cool()? {
                 let seconds = rested.as_secs_f64();
                 let rest = Entry::Rest {
@@ -204,7 +250,7 @@ impl Recorder<'_> {
                 self.add(&mut session, &rest)?;
             }
             if since >= self.settings.sentinel_every {
-                self.look(&mut session, index)?;
+                self.look(&mut session, part, index)?;
                 since = 0;
             }
             let sample = self.sample(&mut session, index)?;
@@ -224,17 +270,28 @@ impl Recorder<'_> {
             let monitor = self.monitor;
             show(&mut session, || monitor.advance(1))?;
         }
-        self.look(&mut session, last)?;
+        self.look(&mut session, part, last)?;
         session
             .end()
             .map_err(|error| CaptureStop::Rig(error.into()).into())
     }
 
-    fn look(&mut self, session: &mut Session<'_>, before: usize) -> Result<(), PipelineError> {
+    fn look(
+        &mut self,
+        session: &mut Session<'_>,
+        part: usize,
+        before: usize,
+    ) -> Result<(), PipelineError> {
         let sentinel = session.sentinel()?;
         let note = format!("drift at home {:.2} mm", 1e3 * sentinel.drift);
         show(session, || self.monitor.note(&note))?;
-        self.add(session, &Entry::Sentinel { before, sentinel })
+        let payload = self.settings.payload_in(part);
+        let entry = Entry::Sentinel {
+            before,
+            payload,
+            sentinel,
+        };
+        self.add(session, &entry)
     }
 
     fn sample(&mut self, session: &mut Session<'_>, index: usize) -> Result<Sample, PipelineError> {
@@ -244,7 +301,9 @@ impl Recorder<'_> {
             .map_err(CaptureError::from)?
             .map_err(CaptureError::from)?;
         let captured = session.sample_at(index as u64, &place)?;
-        let record = Record::of(&captured, index / settings.distinct());
+        let payload = settings.payload_in(settings.part_of(index));
+        let repeat = index % settings.samples_of_part() / settings.distinct();
+        let record = Record::of(&captured, repeat, payload);
         self.add(session, &Entry::Sample(record))?;
         let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
         rng.set_stream(index as u64 | 1 << 63);
@@ -255,7 +314,7 @@ impl Recorder<'_> {
                     .iter()
                     .map(|&command| command as f32)
                     .collect(),
-                payload: None,
+                payload: payload.map(|mass| mass as f32),
             },
             cloud: captured.cloud.sample_or_pad(self.settings.points, &mut rng),
         })

@@ -48,6 +48,9 @@ pub(super) enum Entry {
     /// The robot was looked at at home, before sample `before`.
     Sentinel {
         before: usize,
+        /// What hung at the tip (kg), where something may.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        payload: Option<f64>,
         #[serde(flatten)]
         sentinel: Sentinel,
     },
@@ -64,6 +67,9 @@ pub(super) struct Record {
     /// How often its command was captured before.
     #[serde(default)]
     repeat: usize,
+    /// What hung at the tip (kg), where something may.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    payload: Option<f64>,
     /// Mean of the points seen (m); older journals have none.
     #[serde(default)]
     pub(super) centroid: Option<[f64; 3]>,
@@ -88,11 +94,12 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// Of a sample whose command was captured `repeat` times before.
-    pub(super) fn of(captured: &Captured, repeat: usize) -> Self {
+    /// Of a sample whose command was captured `repeat` times before under the same payload (kg).
+    pub(super) fn of(captured: &Captured, repeat: usize, payload: Option<f64>) -> Self {
         Self {
             index: captured.index,
             repeat,
+            payload,
             centroid: Some(captured.centroid()),
             time: captured.time.as_secs_f64(),
             command: captured.command.clone(),

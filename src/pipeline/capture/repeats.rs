@@ -3,10 +3,15 @@
 use nalgebra::Vector3;
 
 use super::record::Entry;
+use super::settings::CaptureSettings;
 
-/// Sums over the samples of each command, from which their spread follows.
+/// Sums over the samples of each command under each payload, from which their spread follows.
 pub(super) struct Repeats {
-    commands: Vec<Sums>,
+    /// Commands of a payload.
+    commands: usize,
+    /// Samples of a payload.
+    samples: usize,
+    sums: Vec<Sums>,
 }
 
 /// Welford's recurrence: the mean stays exact where the spread is far smaller than the distance from the origin.
@@ -20,27 +25,34 @@ struct Sums {
 }
 
 impl Repeats {
-    /// Of so many commands, of which sample `i` has command `i % commands`.
-    pub(super) fn new(commands: usize) -> Self {
+    /// Of what is captured.
+    pub(super) fn new(settings: &CaptureSettings) -> Self {
+        let commands = settings.distinct();
         Self {
-            commands: vec![Sums::default(); commands],
+            commands,
+            samples: settings.samples_of_part(),
+            sums: vec![Sums::default(); commands * settings.parts()],
         }
     }
 
     pub(super) fn count(&mut self, entry: &Entry) {
         if let Entry::Sample(record) = entry
             && let Some(centroid) = record.centroid
-            && !self.commands.is_empty()
+            && !self.sums.is_empty()
         {
-            let command = record.index as usize % self.commands.len();
-            self.commands[command].add(centroid.into());
+            let index = record.index as usize;
+            let (part, command) = (index / self.samples, index % self.commands);
+            // Of a journal with more samples than are wanted now, the others count with none.
+            if let Some(sums) = self.sums.get_mut(part * self.commands + command) {
+                sums.add(centroid.into());
+            }
         }
     }
 
     /// Root mean square distance (m) of a centre from the mean of its command, with one degree of freedom less for each command;
     /// `None` where none was captured twice.
     pub(super) fn spread(&self) -> Option<f64> {
-        let repeated = self.commands.iter().filter(|sums| sums.count > 1);
+        let repeated = self.sums.iter().filter(|sums| sums.count > 1);
         let [free, squares] = repeated.fold([0.0; 2], |[free, squares], sums| {
             [free + (sums.count - 1) as f64, squares + sums.squares]
         });

@@ -6,12 +6,13 @@ use clap::Args;
 use serde::Deserialize;
 use serde_json::json;
 use tdcr_base::hash::hash_all;
-use tdcr_hw::capture::{CaptureError, Program};
+use tdcr_hw::capture::{CaptureError, Program, SessionSettings};
 use tdcr_hw::mask::MaskFolder;
 use tdcr_hw::plan::{Place, PlanError};
 use tdcr_hw::rig::{Rig, RigFile, RigSpec};
 use tdcr_learn::data::{Meta, Origin, Recording};
 use tdcr_learn::options::cli::{amount, positive};
+use tdcr_sim::robot::{Loads, LoadsError};
 
 use crate::pipeline::{CaptureStop, PipelineError};
 
@@ -39,6 +40,11 @@ pub struct CaptureSettings {
     /// with more adds to the set
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = amount)]
     pub repeat: usize,
+    /// Capture all commands, with their repeats, under one payload at the tip after another (kg, separated by commas; 0 for none).
+    /// Before each the rig is released and waits until it hangs there; a simulated one hangs it itself. Payloads are part of
+    /// the samples' conditions
+    #[arg(long, value_name = "KG,...", value_delimiter = ',')]
+    pub payloads: Vec<f64>,
     /// Points per cloud
     #[arg(long, default_value_t = Self::default().points, value_name = "N", value_parser = amount)]
     pub points: usize,
@@ -67,8 +73,9 @@ impl Default for CaptureSettings {
             commands: 200,
             given: None,
             repeat: 1,
+            payloads: Vec::new(),
             points: 10_000,
-            voxel: 0.002,
+            voxel: SessionSettings::default().voxel_size,
             seed: 0,
             sentinel_every: 25,
             masks: None,
@@ -85,12 +92,51 @@ impl CaptureSettings {
 
     /// Samples of the data set.
     pub fn samples(&self) -> usize {
+        self.samples_of_part().saturating_mul(self.parts())
+    }
+
+    /// Samples under each payload.
+    pub fn samples_of_part(&self) -> usize {
         self.distinct().saturating_mul(self.repeat)
+    }
+
+    /// Parts between which the payload changes.
+    pub fn parts(&self) -> usize {
+        self.payloads.len().max(1)
+    }
+
+    /// The part that a sample belongs to.
+    pub fn part_of(&self, index: usize) -> usize {
+        index / self.samples_of_part().max(1)
+    }
+
+    /// What hangs at the tip in a part (kg); `None` where samples have no payload.
+    pub fn payload_in(&self, part: usize) -> Option<f64> {
+        self.payloads.get(part).copied()
+    }
+
+    /// What the robot carries in a part, and in the others.
+    ///
+    /// # Errors
+    /// [`LoadsError`] for a negative or non-finite payload.
+    pub fn loads_in(&self, part: usize) -> Result<(Loads, Vec<Loads>), LoadsError> {
+        let loads = |part| Loads::payload(self.payload_in(part).unwrap_or(0.0));
+        let others = (0..self.parts()).filter(|&other| other != part);
+        Ok((loads(part)?, others.map(loads).collect::<Result<_, _>>()?))
+    }
+
+    /// What the rig of a file is going to do in a part.
+    ///
+    /// # Errors
+    /// As [`Program::new`], and [`loads_in`](Self::loads_in).
+    pub fn program(&self, file: &RigFile, part: usize) -> Result<Program, CaptureStop> {
+        let (loads, others) = self.loads_in(part)?;
+        Ok(Program::new(file, self.seed)?.carrying(loads, &others))
     }
 
     /// Number of commands after which they come again; `None` where each is captured once.
     pub fn cycle(&self) -> Option<usize> {
-        (self.given.is_some() || self.repeat > 1).then(|| self.distinct())
+        (self.given.is_some() || self.repeat > 1 || self.parts() > 1).then(|| self.distinct())
     }
 
     /// Where sample `index` is taken.
@@ -105,20 +151,47 @@ impl CaptureSettings {
         })
     }
 
-    /// Refuses commands that were given and that the rig of a file could not take, before anything moves. Those that chance
-    /// draws are right by themselves.
+    /// Refuses payloads that make no sense, and commands that were given and that the rig of a file could not take, under each of
+    /// the payloads, before anything moves. Those that chance draws are right by themselves.
     ///
     /// # Errors
-    /// [`CaptureStop::Given`] for the first.
-    pub fn check_given(&self, file: &RigFile) -> Result<(), PipelineError> {
+    /// [`CaptureStop::Payloads`]; [`CaptureStop::Given`] for the first command.
+    pub fn check(&self, file: &RigFile) -> Result<(), PipelineError> {
+        self.check_payloads()?;
         let Some(given) = &self.given else {
             return Ok(());
         };
-        let mut program = Program::new(file, self.seed)?;
-        for (row, values) in given.iter().enumerate() {
-            program
-                .given(values)
-                .map_err(|error| CaptureStop::Given { row, error })?;
+        for part in 0..self.parts() {
+            let mut program = self.program(file, part)?;
+            for (row, values) in given.iter().enumerate() {
+                program.given(values).map_err(|error| CaptureStop::Given {
+                    row,
+                    payload: self.payload_in(part),
+                    error,
+                })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses payloads that are negative or not finite, that come twice, or that are all 0.
+    ///
+    /// # Errors
+    /// [`CaptureStop::Payloads`].
+    pub fn check_payloads(&self) -> Result<(), CaptureStop> {
+        let payloads = &self.payloads;
+        for (part, mass) in payloads.iter().enumerate() {
+            Loads::payload(*mass)?;
+            if payloads[..part].contains(mass) {
+                return Err(CaptureStop::Payloads {
+                    found: format!("{mass} kg twice"),
+                });
+            }
+        }
+        if !payloads.is_empty() && payloads.iter().all(|&mass| mass == 0.0) {
+            return Err(CaptureStop::Payloads {
+                found: "0 kg alone".to_owned(),
+            });
         }
         Ok(())
     }
@@ -170,6 +243,10 @@ impl CaptureSettings {
         if self.masks.is_some() {
             settings["masks_by"] = json!("another program");
         }
+        if self.parts() > 1 {
+            // Samples of a payload follow those of another: a set of several does not grow.
+            settings["samples_of_payload"] = json!(self.samples_of_part());
+        }
         if let Some(given) = &self.given {
             let rows = given.iter().map(|row| hash_of(row));
             settings["given_commands"] = json!({
@@ -192,6 +269,7 @@ impl CaptureSettings {
                     base: *base,
                     voxel_size: self.voxel,
                     cycle: self.cycle(),
+                    payloads: self.payloads.clone(),
                     settings,
                 },
             },

@@ -97,7 +97,7 @@ pub fn distill(
 ) -> Result<Trained, PipelineError> {
     let set = DataSet::open(data)?;
     let provenance = teacher.provenance.clone();
-    let found = set.meta().and_then(Meta::subject);
+    let found = simulated(&set).map(|recipe| &recipe.subject);
     if let (Some(subject), Some(found)) = (&provenance.subject, found) {
         require_same(subject, found)?;
     }
@@ -140,7 +140,7 @@ impl Run<'_> {
     ) -> Result<Trained, PipelineError> {
         let set = DataSet::open(dir)?;
         let units = units.unwrap_or(set.normalisation());
-        let recipe = set.meta().and_then(|meta| meta.origin.recipe());
+        let recipe = simulated(&set);
         let reduction = self.reduction(recipe, shape.channels(), initial)?;
         let read = |split| -> Result<CloudSet, PipelineError> {
             let (clouds, conditions) = reduced(&set, split, units, shape.channels(), &reduction)?;
@@ -149,7 +149,7 @@ impl Run<'_> {
         };
         let (training, validation) = (read(Split::Train)?, read(Split::Val)?);
         let provenance = Provenance {
-            subject: set.meta().and_then(|meta| meta.subject().cloned()),
+            subject: set.meta().and_then(Meta::subject),
             normalisation: units.clone(),
             reduction,
         };
@@ -157,6 +157,7 @@ impl Run<'_> {
             initial,
             shape.with_condition_dim(training.condition_dim),
             &provenance,
+            recipe,
         )?;
         self.on(Feed::from(&training), &validation, start, provenance)
     }
@@ -220,7 +221,7 @@ impl Run<'_> {
             None => window.validation(self.settings.validation_clouds)?,
             Some(dir) => {
                 let set = DataSet::open(dir)?;
-                let found = set.meta().and_then(Meta::subject);
+                let found = simulated(&set).map(|recipe| &recipe.subject);
                 found.map_or(Ok(()), |found| require_same(subject, found))?;
                 let units = window.normalisation();
                 reduced(&set, Split::Val, units, shape.channels(), &reduction)?.0
@@ -236,6 +237,7 @@ impl Run<'_> {
             initial,
             shape.with_condition_dim(training.condition_dim()),
             &provenance,
+            Some(recipe),
         )?;
         self.on(training, &validation, start, provenance)
     }
@@ -341,17 +343,24 @@ impl Run<'_> {
     }
 }
 
-/// Where the weights of a network of `shape` start, that is trained on data of `provenance`.
+/// How the clouds of a data set were simulated, where they were.
+fn simulated(set: &DataSet) -> Option<&Recipe> {
+    set.meta().and_then(|meta| meta.origin.recipe())
+}
+
+/// Where the weights of a network of `shape` start, that is trained on data of `provenance`, simulated by `recipe` or not.
 fn start<'m>(
     initial: Option<&'m Model>,
     shape: NetworkShape,
     provenance: &Provenance,
+    recipe: Option<&Recipe>,
 ) -> Result<Start<'m>, PipelineError> {
     let Some(model) = initial else {
         return Ok(shape.into());
     };
-    if let (Some(of_model), Some(of_data)) = (&model.provenance.subject, &provenance.subject) {
-        require_same(of_model, of_data)?;
+    // A model of the simulator may go on with a real robot's clouds.
+    if let (Some(of_model), Some(recipe)) = (&model.provenance.subject, recipe) {
+        require_same(of_model, &recipe.subject)?;
     }
     Ok(Start::at(model, shape, provenance)?)
 }

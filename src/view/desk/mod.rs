@@ -17,14 +17,13 @@ use std::time::{Duration, Instant};
 
 use tdcr_hw::capture::{CaptureError, Program, Session, SessionSettings};
 use tdcr_hw::plan::Shape;
-use tdcr_hw::rig::{Pace, Rig, RigError, RigFile, WinchState};
+use tdcr_hw::rig::{LOG_LEAVES, Pace, Rig, RigError, RigFile, WinchState};
 use tokio::sync::watch;
 
 pub(super) use orders::{Order, PageId};
 pub(super) use sight::{RigLimits, Seen};
 
 use super::recording::Servo;
-use crate::pipeline::CaptureSettings;
 use orders::Orders;
 use sight::Sight;
 
@@ -32,9 +31,6 @@ use sight::Sight;
 pub(super) const SILENCE: Duration = Duration::from_secs(3);
 /// Time between two looks at a rig that nobody holds.
 const LOOK: Duration = Duration::from_millis(100);
-
-/// Bytes that the log leaves on its disk, as that of `tdcr jog` does.
-const LOG_LEAVES: u64 = 16 << 20;
 
 /// A rig that pages look at.
 #[derive(Debug)]
@@ -64,11 +60,7 @@ impl Desk {
         let program = Program::new(&file, 0)?;
         let limits = Arc::new(RigLimits::of(&file, program.rest()));
         let mut rig = Rig::open_file(file, Pace::RealTime)?;
-        let settings = SessionSettings {
-            seed: 0,
-            voxel_size: CaptureSettings::default().voxel,
-            masks: None,
-        };
+        let settings = SessionSettings::default();
         let log = out.map(|out| rig.log_in(out, "log", LOG_LEAVES));
         let log = log.transpose()?;
         let sight = Sight::new(&mut rig, settings.voxel_size)?;

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -96,6 +97,31 @@ def test_own_commands_are_captured_and_repeated(small: Path, tmp_path: Path) -> 
     with pytest.raises(tdcr.errors.InputError, match=r"command 1 of those given: tendon \d would have"):
         rig.capture(tmp_path / "other", commands=commands)
     assert not (tmp_path / "other").exists()
+
+
+def test_payloads_are_hung_one_after_another(small: Path, tmp_path: Path) -> None:
+    first, asked = tmp_path / "first", list[float]()
+    options: dict[str, Any] = {"commands": 2, "payloads": [0.1, 0.3], "points": 200}
+    report = tdcr.Rig(small).capture(first, **options, hang=asked.append)
+    assert report.samples == 4 and report.log is not None and asked == []
+    assert sorted(sample.condition[-1] for sample in report.data) == [np.float32(mass) for mass in (0.1, 0.1, 0.3, 0.3)]
+    assert report.data.payload == (0.1, 0.3) and report.data.condition_units == ("m",) * 6 + ("kg",)
+    # What was recorded is not at hand, so somebody has to say that payloads hang.
+    recorded = small.with_name("recorded.toml")
+    recorded.write_text(small.read_text().replace('link = "simulated"', f'link = {{ recorded = "{report.log}" }}'))
+    with pytest.raises(tdcr.errors.RigError, match=r"nobody says that 0\.1 kg hang at the tip.*give hang"):
+        tdcr.Rig(recorded).capture(tmp_path / "unasked", **options, log=False)
+
+    def refuse(payload: float) -> None:
+        raise OSError(f"no {payload} kg")
+
+    with pytest.raises(OSError, match=r"no 0\.1 kg"):
+        tdcr.Rig(recorded).capture(tmp_path / "raised", **options, log=False, hang=refuse)
+    again = tdcr.Rig(recorded).capture(tmp_path / "again", **options, log=False, hang=asked.append)
+    assert asked == [0.1, 0.3] and again.captured == 4
+    for payloads, reason in [([0.1, 0.1], "0.1 kg twice"), ([0.0], "0 kg alone"), ([-1.0], "-1 kg"), ([[0.1]], "shape")]:
+        with pytest.raises(tdcr.errors.InputError, match=reason):
+            tdcr.Rig(small).capture(tmp_path / "wrong", payloads=payloads)
 
 
 def test_the_empty_scene_is_what_masks_tell_a_robot_from(small: Path, tmp_path: Path) -> None:

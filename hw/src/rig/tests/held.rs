@@ -12,11 +12,13 @@ use crate::servo::{ServoBus, ServoError, Setting, Ticks, WatchdogState};
 use crate::simulated::camera::{CameraSetup, SimulatedCamera};
 use crate::simulated::{PlantSetup, Simulator, SimulatorSetup};
 
-const SETTINGS: SessionSettings = SessionSettings {
-    seed: 1,
-    voxel_size: 0.004,
-    masks: None,
-};
+fn settings() -> SessionSettings {
+    SessionSettings {
+        seed: 1,
+        voxel_size: 0.004,
+        ..SessionSettings::default()
+    }
+}
 
 /// A camera that slows down: after twenty pictures, in which its exposure is found, they come no faster than `period`.
 struct Slow {
@@ -86,7 +88,7 @@ fn late_pictures_leave_no_servo_without_a_word() {
         let simulator = rig().simulator().unwrap().clone();
         let mut rig = slow(&simulator, period);
         let mut go_on = || ControlFlow::Continue(());
-        let mut session = Session::begin(&mut rig, &SETTINGS, None, &mut go_on).unwrap();
+        let mut session = Session::begin(&mut rig, &settings(), None, &mut go_on).unwrap();
         for index in 0..3 {
             let sample = session.sample(index).unwrap();
             let ids: Vec<ServoId> = (1..=6).map(servo).collect();
@@ -254,7 +256,7 @@ fn a_servo_that_stays_off_its_goal_ends_a_capture() {
     let simulator = rig().simulator().unwrap().clone();
     let mut rig = slow(&simulator, 33);
     let mut go_on = || ControlFlow::Continue(());
-    let mut session = Session::begin(&mut rig, &SETTINGS, None, &mut go_on).unwrap();
+    let mut session = Session::begin(&mut rig, &settings(), None, &mut go_on).unwrap();
     // Too little current to pull with.
     let bounded = session
         .rig()
@@ -305,7 +307,7 @@ fn tendons_that_pull_are_not_accused() {
         let simulator = plant(friction, payload);
         let mut rig = slow(&simulator, 33);
         let mut go_on = || ControlFlow::Continue(());
-        let mut session = Session::begin(&mut rig, &SETTINGS, None, &mut go_on).unwrap();
+        let mut session = Session::begin(&mut rig, &settings(), None, &mut go_on).unwrap();
         session.check_tendons().unwrap();
         for index in 0..12 {
             if let Err(error) = session.sample(index) {
@@ -324,7 +326,7 @@ fn tendons_that_snap_or_jam_are_found_in_a_few_samples() {
             let simulator = plant(None, 0.0);
             let mut rig = slow(&simulator, 33);
             let mut go_on = || ControlFlow::Continue(());
-            let mut session = Session::begin(&mut rig, &SETTINGS, None, &mut go_on).unwrap();
+            let mut session = Session::begin(&mut rig, &settings(), None, &mut go_on).unwrap();
             session.check_tendons().unwrap();
             session.sample(0).unwrap();
             simulator.inject(fault(servo(id)));

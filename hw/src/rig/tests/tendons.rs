@@ -71,7 +71,7 @@ fn a_tendon_that_has_snapped_is_found_at_home() {
     let settings = SessionSettings {
         seed: 1,
         voxel_size: 0.004,
-        masks: None,
+        ..SessionSettings::default()
     };
     let mut go_on = || ControlFlow::Continue(());
     let folder = tempfile::tempdir().unwrap();

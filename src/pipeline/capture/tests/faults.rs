@@ -35,7 +35,7 @@ impl Monitor for Inject {
 /// In real time, in which servos stop that hear nothing for 0.8 s.
 #[test]
 fn a_disk_and_a_terminal_that_stall_for_longer_than_the_watchdog_end_nothing() {
-    const STALL: Duration = Duration::from_secs(2);
+    const STALL: Duration = Duration::from_secs(1);
     /// A terminal whose output a person has halted.
     struct Halted;
     impl Monitor for Halted {
@@ -63,17 +63,18 @@ fn a_disk_and_a_terminal_that_stall_for_longer_than_the_watchdog_end_nothing() {
     let path = folder.path().join(JOURNAL);
     let (journal, _) = Journal::open::<Entry>(&path, &json!({})).unwrap();
     let mut report = CaptureReport::default();
-    let recorder = Recorder {
+    let mut work = Work {
         settings: &settings,
+        collector: &collector,
         journal: &journal,
         report: &mut report,
-        repeats: &mut Repeats::new(3),
+        repeats: &mut Repeats::new(&settings),
         monitor: &Halted,
     };
     let session = SessionSettings {
         seed: settings.seed,
         voxel_size: settings.voxel,
-        masks: None,
+        ..SessionSettings::default()
     };
     let mut go_on = || ControlFlow::Continue(());
     let session = Session::begin(&mut rig, &session, None, &mut go_on).unwrap();
@@ -92,7 +93,7 @@ fn a_disk_and_a_terminal_that_stall_for_longer_than_the_watchdog_end_nothing() {
             }
             Ok(())
         };
-        let done = recorder.record(session, samples.into_iter(), slow);
+        let done = work.record(session, 0, &samples, slow);
         written.store(3, Ordering::Relaxed);
         done
     });

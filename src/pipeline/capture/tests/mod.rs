@@ -37,6 +37,7 @@ fn settings(commands: usize) -> CaptureSettings {
         commands,
         given: None,
         repeat: 1,
+        payloads: Vec::new(),
         points: 200,
         voxel: 0.004,
         seed: 5,
