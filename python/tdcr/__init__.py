@@ -36,6 +36,7 @@ from tdcr.objects import Hinge, Objects, Slider
 from tdcr.planning import Deployment, Plan, follow_the_leader, plan
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor, Reached
 from tdcr.recordings import RecordingCalibration, calibrate_recording
+from tdcr.rerun_logs import log_to_rerun
 from tdcr.rig import Rig
 from tdcr.robot import Robot
 from tdcr.robot_parameters import Parameter, Parameters, parameters
@@ -118,6 +119,7 @@ __all__ = [
     "jacobian",
     "jvp",
     "linearise",
+    "log_to_rerun",
     "merge",
     "merge_study",
     "metrics",

@@ -224,6 +224,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
             | {"data": missing, "model": missing, "log": missing, "study": missing, "rig": None, "out": out},
         ),
         (tdcr.Rig, {"path": missing, "real_time": False}),
+        (tdcr.log_to_rerun, {"what": SETTLED, "entity": "a", "robot": ROBOT, "times": None, "out": out, "recording": None}),
         (tdcr.demo, {"out": out, "samples": 1, "steps": 0, "precision": None, "symmetry": "auto", "seed": 0, "progress": None}),
     ]
 
