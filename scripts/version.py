@@ -2,7 +2,7 @@
 """Checks that the version is the same everywhere, or sets it.
 
 scripts/version.py --check  fails where a file has another version than the workspace in Cargo.toml
-scripts/version.py 0.2.0    sets it there, in the crates' dependencies on each other, in CITATION.cff and in Cargo.lock
+scripts/version.py 0.2.0    sets it there, the crates' dependencies on each other, CITATION.cff, plug-ins and Cargo.lock
 """
 
 import re
@@ -19,6 +19,7 @@ PLACES = {
         r'(\ntdcr[a-z-]* = \{ path = "[^"]+", version = "=)([^"]+)(" \})',
     ],
     "CITATION.cff": [r"(\nversion: )(\S+)()"],
+    "python/plugins/lerobot_robot_tdcr/pyproject.toml": [r'(\nversion = ")([^"]+)(")'],
 }
 
 

@@ -32,7 +32,7 @@ BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", re.MUL
 DIRECTIVE = re.compile(r"^\.\. (?:auto|py:)?(currentmodule|module|class|exception|function|data):: ([\w.]+)", re.MULTILINE)
 
 
-MODULES = ["tdcr", "tdcr.errors", "tdcr.inverse", "tdcr.metrics"]
+MODULES = ["tdcr", "tdcr.errors", "tdcr.inverse", "tdcr.lerobot", "tdcr.metrics"]
 
 OPTIONAL = {"torch": ["torch", "h5py", "safetensors"], "jax": ["jax"], "envs": ["gymnasium"], "plot": ["matplotlib"]}
 """Modules with the optional packages that they need."""

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import tdcr
+from tdcr import lerobot
 from tdcr.errors import InputError, LoadsError, RobotError, TdcrError
 
 ROBOT = tdcr.Robot("2m")
@@ -224,6 +225,11 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
             | {"data": missing, "model": missing, "log": missing, "study": missing, "rig": None, "out": out},
         ),
         (tdcr.Rig, {"path": missing, "real_time": False}),
+        (
+            lerobot.export_logs,
+            {"logs": [missing], "out": out, "fps": 10, "task": "a", "repo_id": "a/b", "videos": True, "depth": False},
+        ),
+        (lerobot.export_motions, {"robot": ROBOT, "episodes": [(ROWS, None)], "out": out, "cameras": [0]}),
         (tdcr.log_to_rerun, {"what": SETTLED, "entity": "a", "robot": ROBOT, "times": None, "out": out, "recording": None}),
         (tdcr.demo, {"out": out, "samples": 1, "steps": 0, "precision": None, "symmetry": "auto", "seed": 0, "progress": None}),
     ]
