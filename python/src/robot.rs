@@ -10,7 +10,7 @@ use tdcr::sim::chain::Configuration;
 use tdcr::sim::formats::mjcf::Integrator;
 use tdcr::sim::formats::{mjcf, urdf, with_table};
 use tdcr::sim::render::BaseVisibility;
-use tdcr::sim::robot::{ActsOn, Parameter, Payload, RobotSpec};
+use tdcr::sim::robot::{ActsOn, HingeRow, Parameter, Payload, RobotSpec};
 
 use crate::arrays::array;
 use crate::errors::{Failure, Outcome, choice};
@@ -50,6 +50,7 @@ struct MjcfOptions {
     integrator: String,
     command: Option<Vec<f64>>,
     attach: Option<String>,
+    joints: String,
 }
 
 #[pymethods]
@@ -102,13 +103,24 @@ impl Robot {
             ..Payload::default()
         };
         let integrator = choice("integrator", &options.integrator, &integrators)?;
+        let rows = [
+            ("ball", None),
+            ("hinges", Some(HingeRow::Three)),
+            ("universal", Some(HingeRow::Universal)),
+        ];
+        let mut spec = self.0.spec().clone();
+        let mut notes = Vec::new();
+        if let Some(row) = choice("joints", &options.joints, &rows)? {
+            notes = mjcf::hinge_notes(&spec, row)?;
+            spec = spec.on_hinges(row)?;
+        }
         if let Some(prefix) = options.attach {
             let part = mjcf::Part {
                 prefix,
                 payload,
                 integrator,
             };
-            return Ok((mjcf::export_part(self.0.spec(), &part)?, Vec::new()));
+            return Ok((mjcf::export_part(&spec, &part)?, notes));
         }
         let options = mjcf::ExportOptions {
             base: match options.base {
@@ -121,8 +133,9 @@ impl Robot {
             command: options.command,
             scene: scene.map(|scene| scene.0.clone()).unwrap_or_default(),
         };
-        let text = mjcf::export(self.0.spec(), &options)?;
-        Ok((text, mjcf::scene_notes(&options.scene)))
+        let text = mjcf::export(&spec, &options)?;
+        notes.extend(mjcf::scene_notes(&options.scene));
+        Ok((text, notes))
     }
 
     /// The robot as URDF.

@@ -151,6 +151,7 @@ class Robot:
         command: Any = None,
         scene: Scene | None = None,
         attach: str | None = None,
+        joints: Literal["ball", "hinges", "universal"] = "ball",
     ) -> str:
         """The robot as a model for MuJoCo; as ``tdcr export``.
 
@@ -165,7 +166,9 @@ class Robot:
                 otherwise is warned of.
             attach: Prefix of all names in a model that is to be mounted on another one (``mujoco.MjSpec.attach``): its base
                 stands at the origin, and cameras, gravity, time step and keyframe are left to that model. Goes with
-                ``payload`` and ``integrator`` alone.
+                ``payload``, ``integrator`` and ``joints`` alone.
+            joints: How ball joints are written: as they are; as ``"hinges"`` about x, y, then z; or ``"universal"``, about x,
+                then y, so that discs cannot twist. What is otherwise in the model then is warned of.
 
         Raises:
             InputError: For ``attach`` with what it does not go with.
@@ -175,7 +178,7 @@ class Robot:
         """
         if attach is not None and (base or dt is not None or command is not None or scene is not None):
             raise InputError(
-                "`attach` goes with `payload` and `integrator` alone: the rest is left to the model around the robot"
+                "`attach` goes with `payload`, `integrator` and `joints` alone: the rest is left to the model around the robot"
             )
         options = {
             "attach": None if attach is None else as_text(attach, "attach"),
@@ -183,6 +186,7 @@ class Robot:
             "payload": as_number(payload, "payload"),
             "dt": maybe_number(dt, "dt"),
             "integrator": as_text(integrator, "integrator"),
+            "joints": as_text(joints, "joints"),
             "command": None if command is None else as_float(command, "command", (self.tendons,)).tolist(),
         }
         text, notes = self._native.to_mjcf(options, None if scene is None else as_scene(scene)._native)

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::sim::formats::mjcf::{self, ExportOptions, Integrator, Part};
 use tdcr::sim::render::BaseVisibility;
-use tdcr::sim::robot::Payload;
+use tdcr::sim::robot::{HingeRow, Payload, RobotSpec};
 use tdcr::sim::scene::Scene;
 
 use super::console::Console;
@@ -22,6 +22,9 @@ pub(super) struct ExportArgs {
     /// The format to write
     #[arg(long, value_enum, default_value_t = Format::Mjcf)]
     format: Format,
+    /// How ball joints are written: hinges and universal joints are approximations, as other programs have them
+    #[arg(long, value_enum, default_value_t = Joints::Ball)]
+    joints: Joints,
     /// Show the base below the robot (mjcf)
     #[arg(long)]
     base: bool,
@@ -74,6 +77,26 @@ enum Format {
     Toml,
     /// Scene file of this program (toml): the obstacles of the MuJoCo model that --robot names
     Scene,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Joints {
+    /// As they are
+    Ball,
+    /// As three hinges, about x, y, then z
+    Hinges,
+    /// As two hinges, about x, then y: discs cannot twist
+    Universal,
+}
+
+impl Joints {
+    fn row(self) -> Option<HingeRow> {
+        match self {
+            Self::Ball => None,
+            Self::Hinges => Some(HingeRow::Three),
+            Self::Universal => Some(HingeRow::Universal),
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -151,6 +174,9 @@ fn scene_of(args: &ExportArgs) -> anyhow::Result<String> {
 
 /// Refuses options that go with MuJoCo models.
 fn refuse_for_mjcf_alone(args: &ExportArgs) -> anyhow::Result<()> {
+    if args.format == Format::Scene && args.joints != Joints::Ball {
+        bail!("--joints goes with formats that hold a robot; --format scene holds obstacles alone");
+    }
     let motion = args.dt.is_some() || args.integrator.is_some() || args.command.is_some();
     let beside = args.scene.is_given() || args.attach.is_some();
     if args.format != Format::Mjcf && (args.base || args.payload != 0.0 || motion || beside) {
@@ -162,13 +188,25 @@ fn refuse_for_mjcf_alone(args: &ExportArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The robot, on hinges if so asked.
+fn spec_of(args: &ExportArgs) -> anyhow::Result<RobotSpec> {
+    let spec = args.robot.load()?;
+    let Some(row) = args.joints.row() else {
+        return Ok(spec);
+    };
+    for note in mjcf::hinge_notes(&spec, row)? {
+        tracing::warn!("{note}");
+    }
+    Ok(spec.on_hinges(row)?)
+}
+
 fn mjcf_of(args: &ExportArgs) -> anyhow::Result<String> {
     let payload = Payload {
         mass: args.payload,
         ..Payload::default()
     };
     let integrator = args.integrator.map(Into::into).unwrap_or_default();
-    let spec = args.robot.load()?;
+    let spec = spec_of(args)?;
     let (text, scene) = match &args.attach {
         Some(prefix) => {
             let part = Part {
@@ -202,7 +240,7 @@ fn mjcf_of(args: &ExportArgs) -> anyhow::Result<String> {
 
 fn text_of(args: &ExportArgs) -> anyhow::Result<String> {
     refuse_for_mjcf_alone(args)?;
-    let spec = || args.robot.load();
+    let spec = || spec_of(args);
     Ok(match args.format {
         Format::Mjcf => mjcf_of(args)?,
         Format::Urdf => tdcr::sim::formats::urdf::export(&spec()?)?,

@@ -151,7 +151,10 @@ def test_a_model_for_mujoco_is_that_of_the_command_line() -> None:
     assert robot.to_mjcf() == command_line("export")["text"]
     part = robot.to_mjcf(attach="tdcr/", payload=0.02)
     assert part == command_line("export", "--attach", "tdcr/", "--payload", 0.02)["text"] and 'name="tdcr/base"' in part
-    with pytest.raises(InputError, match="`attach` goes with `payload` and `integrator` alone"):
+    with pytest.warns(UserWarning, match="10 ball joints are written as hinges about x, then y"):
+        universal = robot.to_mjcf(joints="universal", payload=0.02)
+    assert universal == command_line("export", "--joints", "universal", "--payload", 0.02)["text"] and "ball" not in universal
+    with pytest.raises(InputError, match="`attach` goes with `payload`, `integrator` and `joints` alone"):
         robot.to_mjcf(attach="tdcr/", dt=0.001)
     with pytest.raises(tdcr.errors.RobotError, match="the character ' '"):
         robot.to_mjcf(attach="a robot/")

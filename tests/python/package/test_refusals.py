@@ -70,7 +70,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (ROBOT.value, {"parameter": "gain[0]"}),
         (ROBOT.with_values, {"values": {"gain[0]": 500.0}}),
         (ROBOT.to_mjcf, {"base": False, "payload": 0.0, "dt": 0.001, "integrator": "euler", "command": COMMAND}),
-        (ROBOT.to_mjcf, {"attach": "arm/"}),
+        (ROBOT.to_mjcf, {"attach": "arm/", "joints": "hinges"}),
         (ROBOT.save, {"path": folder / "robot.toml"}),
         (tdcr.Loads, {"payload": 0.0, "payload_offset": (0, 0, 0), "wrenches": (), "line": (0, 0, 0)}),
         (tdcr.Wrench, {"disc": 0, "force": (0, 0, 0), "moment": (0, 0, 0), "frame": "world", "point": (0, 0, 0)}),

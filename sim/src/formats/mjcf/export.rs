@@ -13,7 +13,8 @@ use crate::formats::ExportError;
 use crate::geometry::{Kind, Solid, base_solids, disc_color};
 use crate::render::BaseVisibility;
 use crate::robot::{
-    Body, Cameras, Disc, Drive, Lens, MassSpec, Payload, Pull, Robot, RobotSpec, Tendon, Waypoint,
+    Body, Cameras, Disc, Drive, HingeRow, Lens, MassSpec, Payload, Pull, Robot, RobotSpec, Tendon,
+    Waypoint,
 };
 
 /// What a model says of joints that bend and turn unlike.
@@ -118,6 +119,30 @@ pub fn export_notes(spec: &RobotSpec) -> Result<Vec<String>, ExportError> {
          as a ball in series with hinges. Turns about one axis are the same, combined ones are not, by the fourth power of the angle: \
          the tip of 2m is 4e-5 mm off where torsion is 0.77 times bending, 0.01 mm at 1.15 times and 0.6 mm at 3 times"
     )])
+}
+
+/// What a model of a robot [on hinges](RobotSpec::on_hinges) has otherwise than the robot `spec`, if anything.
+///
+/// # Errors
+/// [`ExportError`] for an invalid robot.
+pub fn hinge_notes(spec: &RobotSpec, row: HingeRow) -> Result<Vec<String>, ExportError> {
+    let robot = Robot::new(spec.clone())?;
+    let balls = robot.discs().iter().filter(|disc| disc.hinges.is_none());
+    let elastic = balls.clone().filter(|disc| disc.backbone.is_some()).count();
+    let mut notes = Vec::new();
+    if row == HingeRow::Universal && balls.clone().count() > 0 {
+        notes.push(format!(
+            "{} ball joints are written as hinges about x, then y: their discs cannot twist",
+            balls.count()
+        ));
+    }
+    if elastic > 0 {
+        notes.push(format!(
+            "{elastic} elastic ball joints are written as hinges: turns about one axis have the same energy, combined ones differ by \
+             the fourth power of the angle"
+        ));
+    }
+    Ok(notes)
 }
 
 fn write_visual(xml: &mut XmlWriter, spec: &RobotSpec) {

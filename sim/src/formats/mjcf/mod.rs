@@ -8,6 +8,7 @@
 //! | here | MuJoCo |
 //! |---|---|
 //! | disc | body with a ball joint, `pos` the disc's offset, joint `pos` below the origin |
+//! | ball joints [on hinges](crate::robot::RobotSpec::on_hinges), if so asked | hinges about x, y and z |
 //! | hinges | hinges, `springref` their rest; the body's orientation is that at the angles 0 |
 //! | density, rigid mass | cylinder with `density`, `inertial` |
 //! | backbone | `stiffness` of the joint; its rest bend is the body's orientation |
@@ -54,7 +55,7 @@ mod view;
 mod write;
 mod written_joint;
 
-pub use export::{export, export_notes};
+pub use export::{export, export_notes, hinge_notes};
 pub use import::{import, import_text};
 pub use obstacles::scene_notes;
 pub use options::{ExportOptions, Integrator};

@@ -1,6 +1,7 @@
 //! Robots in files of other tools: what goes out comes back, and what cannot is named.
 
 mod fuzz;
+mod hinges;
 mod mjcf;
 mod models_xml;
 mod refusals;
