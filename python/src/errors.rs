@@ -17,7 +17,7 @@ use tdcr::pipeline::recording::RecordingFileError;
 use tdcr::pipeline::{CaptureStop, EvalError, PipelineError, TrainRunError};
 use tdcr::sim::contact::ContactError;
 use tdcr::sim::dynamics::DynamicsError;
-use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
+use tdcr::sim::formats::{ExportError, ImportError, RobotFileError, SketchError};
 use tdcr::sim::inverse::calibration::CalibrationError;
 use tdcr::sim::inverse::shape::ShapeControlError;
 use tdcr::sim::robot::{CommandError, LoadsError, ParameterError, SpecError};
@@ -146,6 +146,7 @@ classes! {
     FileError => "TrainError",
     ShapeControlError => "InputError",
     SimulateError => "DataError",
+    SketchError => "RobotError",
 }
 
 impl From<OptionsError> for Failure {

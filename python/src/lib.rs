@@ -32,6 +32,8 @@
 //! | `splat` | pictures of 3-D Gaussians, and their derivatives |
 //! | `pages` | drawings of data sets, and the demo |
 //! | `studies` | sweeps that one file describes |
+//! | `sketch` | first robot files |
+//! | `bags` | logs as bags of ROS 2 |
 //! | `rig` | servos and cameras, in memory or on a desk |
 //! | `env` | many simulated robots, advanced by one call |
 //! | `command` | the command line |
@@ -40,6 +42,7 @@
 //! `arrays` and `errors`.
 
 mod arrays;
+mod bags;
 mod command;
 mod contact;
 mod data;
@@ -67,6 +70,7 @@ mod scene;
 mod scene_gradient;
 mod scoring;
 mod sensitivity;
+mod sketch;
 mod splat;
 mod stage;
 mod statics;
@@ -86,6 +90,8 @@ mod vision;
 mod _tdcr {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use crate::bags::export_rosbag2;
     #[pymodule_export]
     use crate::command::run_command;
     #[pymodule_export]
@@ -134,6 +140,8 @@ mod _tdcr {
     use crate::scoring::{compare, evaluate};
     #[pymodule_export]
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
+    #[pymodule_export]
+    use crate::sketch::sketch;
     #[pymodule_export]
     use crate::splat::{blend_gaussians, blend_gaussians_backward};
     #[pymodule_export]

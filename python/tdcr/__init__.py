@@ -14,6 +14,7 @@ from tdcr import errors, inverse, metrics
 from tdcr._tdcr import __version__
 from tdcr._threads import set_threads, threads
 from tdcr._train_options import TrainOptions
+from tdcr.bags import Bag, export_rosbag2
 from tdcr.collecting import collect, export_clouds, import_clouds, merge
 from tdcr.contact import Contacts
 from tdcr.data import Dataset, Normalisation, Sample, Split, data_view
@@ -44,6 +45,7 @@ from tdcr.scene import Obstacle, Scene
 from tdcr.scene_gradient import SceneGradients, base_jacobian, obstacle_jacobian, scene_vjp
 from tdcr.scoring import compare, evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
+from tdcr.starting import new
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
 from tdcr.stream import Stream
 from tdcr.studies import merge_study, study
@@ -54,6 +56,7 @@ from tdcr.viewing import Viewer, view
 from tdcr.vision import Cloud, View, cloud, clouds, render
 
 __all__ = [
+    "Bag",
     "Cloud",
     "Contacts",
     "Dataset",
@@ -112,6 +115,7 @@ __all__ = [
     "errors",
     "evaluate",
     "export_clouds",
+    "export_rosbag2",
     "follow",
     "follow_the_leader",
     "import_clouds",
@@ -123,6 +127,7 @@ __all__ = [
     "merge",
     "merge_study",
     "metrics",
+    "new",
     "obstacle_jacobian",
     "parameters",
     "plan",

@@ -53,6 +53,7 @@ __all__ = [
     "emd_rows",
     "evaluate",
     "export_clouds",
+    "export_rosbag2",
     "follow_rows",
     "follow_rows_among",
     "follow_the_leader",
@@ -85,6 +86,7 @@ __all__ = [
     "settle_one_among",
     "settle_rows",
     "settle_rows_among",
+    "sketch",
     "start_noise",
     "study",
     "threads",
@@ -884,4 +886,8 @@ def import_clouds(
     seed: int,
     progress: _Progress = None,
 ) -> list[str]: ...
+def export_rosbag2(file: str, out: str) -> tuple[list[tuple[str, str, int]], int, bool]: ...
+def sketch(
+    name: str, segments: int, discs: int, tendons: int, length: float, backbone: str, radius: float, servos: str
+) -> str: ...
 def export_clouds(path: str, format: str, out: str, progress: _Progress = None) -> int: ...

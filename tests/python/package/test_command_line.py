@@ -6,6 +6,7 @@ import inspect
 import re
 import subprocess
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -60,6 +61,8 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
         tdcr.Robot.to_mjcf,
         {"robot": "self", "format": "Robot.to_urdf, ...", "out": "Robot.save", "force": "Robot.save"},
     ),
+    "new": (tdcr.new, {}),
+    "log export": (tdcr.export_rosbag2, {"format": "there is one"}),
     "collect": (tdcr.collect, {}),
     "data info": (tdcr.Dataset.info, {}),
     "data view": (tdcr.data_view, {}),
@@ -140,6 +143,36 @@ def test_options_have_the_names_and_defaults_of_the_command_line(command: str) -
             assert same(said, parameter.default), f"{command} --{name}"
     assert not missing, f"options of tdcr {command} that Python lacks"
     assert not elsewhere.keys() - found.keys(), f"tdcr {command} has no such options"
+
+
+def test_a_first_robot_file_is_that_of_the_command_line(tmp_path: Path) -> None:
+    robot = tdcr.new(tmp_path / "mine.toml", segments=1, discs=4, backbone="nitinol", servos="position")
+    assert (robot.name, robot.discs, robot.tendons, robot.command_units) == ("mine", 4, 3, ("m", "m", "m"))
+    ours = (tmp_path / "mine.toml").read_text()
+    flags = ["--segments", 1, "--discs", 4, "--backbone", "nitinol", "--servos", "position"]
+    command_line("new", tmp_path / "mine.toml", "--force", *flags)
+    assert (tmp_path / "mine.toml").read_text() == ours
+    with pytest.raises(InputError, match="is there already; force=True replaces it"):
+        tdcr.new(tmp_path / "mine.toml")
+    assert tdcr.new(tmp_path / "mine.toml", force=True).discs == 20
+    with pytest.raises(tdcr.errors.RobotError, match="the number of discs of a segment is 0; expected 1 to 50"):
+        tdcr.new(tmp_path / "other.toml", discs=0)
+    with pytest.raises(InputError, match='backbone is "oak"; expected one of "steel", "nitinol"'):
+        tdcr.new(tmp_path / "other.toml", backbone="oak")  # type: ignore[arg-type]
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_a_bag_is_that_of_the_command_line(tmp_path: Path) -> None:
+    log = Path(__file__).parents[3] / "hw/tests/data/sample.mcap"
+    bag = tdcr.export_rosbag2(log, tmp_path / "bag")
+    said = command_line("log", "export", log, "--out", tmp_path / "other")
+    assert (bag.messages, bag.left_out, bag.whole) == (said["messages"], said["left_out"], said["whole"]) == (12, 3, True)
+    assert {topic["topic"]: topic["messages"] for topic in said["topics"]} == {name: n for name, (_, n) in bag.topics.items()}
+    for file in ("metadata.yaml", "{}_0.mcap"):
+        one, other = (tmp_path / folder / file.format(folder) for folder in ("bag", "other"))
+        assert one.read_bytes().replace(b"bag_0", b"other_0") == other.read_bytes()
+    with pytest.raises(tdcr.errors.DataError, match="bag"):
+        tdcr.export_rosbag2(log, tmp_path / "bag")
 
 
 def test_a_model_for_mujoco_is_that_of_the_command_line() -> None:

@@ -230,6 +230,12 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
             {"logs": [missing], "out": out, "fps": 10, "task": "a", "repo_id": "a/b", "videos": True, "depth": False},
         ),
         (lerobot.export_motions, {"robot": ROBOT, "episodes": [(ROWS, None)], "out": out, "cameras": [0]}),
+        (
+            tdcr.new,
+            {"file": folder / "new.toml", "segments": 1, "discs": 2, "tendons": 3, "length": 0.1, "backbone": "steel"}
+            | {"radius": 5e-4, "servos": "tension", "force": True},
+        ),
+        (tdcr.export_rosbag2, {"log": missing, "out": out}),
         (tdcr.log_to_rerun, {"what": SETTLED, "entity": "a", "robot": ROBOT, "times": None, "out": out, "recording": None}),
         (tdcr.demo, {"out": out, "samples": 1, "steps": 0, "precision": None, "symmetry": "auto", "seed": 0, "progress": None}),
     ]
