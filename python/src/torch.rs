@@ -149,7 +149,7 @@ pub fn read_cloud_set<'py>(
         let reduction = reduction.transpose()?.unwrap_or_default();
         let mut clouds = set.cloud_set_in(split, &units, channels(colors))?;
         reduction.set(&mut clouds, &mut set.conditions(split)?, &units)?;
-        let subject = set.meta().and_then(Meta::subject).cloned();
+        let subject = set.meta().and_then(Meta::subject);
         let provenance = Provenance {
             subject,
             normalisation: units,
