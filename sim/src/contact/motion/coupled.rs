@@ -32,12 +32,40 @@ pub(super) trait Responds {
     fn respond_again(&mut self, reactions: &[Reaction], out: &mut [Vector3<f64>]);
 }
 
+/// How a contact's velocity changes with the coordinates of an object.
+#[derive(Clone, Copy, Debug)]
+struct Lever {
+    /// The object's place in the problem.
+    place: usize,
+    /// Columns of the Jacobian.
+    columns: [Vector3<f64>; 6],
+}
+
+impl Lever {
+    /// The contact's velocity by the object's coordinates.
+    fn velocity(&self, coordinates: &Vector6<f64>) -> Vector3<f64> {
+        let columns = self.columns.iter().zip(coordinates.iter());
+        columns
+            .map(|(column, coordinate)| column * *coordinate)
+            .sum()
+    }
+
+    /// Adds what an impulse on the contact does to the object's coordinates to the first of `out`.
+    fn push(&self, impulse: &Vector3<f64>, out: &mut [f64]) {
+        for (out, column) in out.iter_mut().zip(&self.columns) {
+            *out += column.dot(impulse);
+        }
+    }
+}
+
 /// The objects of a problem.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Movables {
     pub all: Vec<Movable>,
+    /// Of each contact, those of the objects that it acts on and against.
+    levers: Vec<[Option<Lever>; 2]>,
     reactions: Vec<Reaction>,
-    response: Vec<Vector3<f64>>,
+    spatial: DiscVelocities,
     columns: Vec<Vec<Vector3<f64>>>,
 }
 
@@ -109,11 +137,28 @@ impl Movables {
         })
     }
 
-    /// Forgets the objects' changes.
-    pub fn release(&mut self) {
+    /// Takes the contacts of a problem that is to be solved, and forgets the objects' changes.
+    pub fn prepare(&mut self, touches: &[Touch]) {
         for movable in &mut self.all {
             (movable.change, movable.trial) = (Vector6::zeros(), Vector6::zeros());
         }
+        let lever = |place: usize, arm: &Vector3<f64>, sign: f64| {
+            let jacobian = self.all[place].jacobian(arm) * sign;
+            let columns = std::array::from_fn(|axis| jacobian.column(axis).into());
+            Lever { place, columns }
+        };
+        self.levers.clear();
+        self.levers.extend(touches.iter().map(|touch| {
+            let on = match touch.on {
+                Side::Object(object) => Some(lever(object, &touch.arm, 1.0)),
+                Side::Disc(_) => None,
+            };
+            let against = touch.against.as_ref();
+            [
+                on,
+                against.map(|other| lever(other.object, &other.arm, -1.0)),
+            ]
+        }));
     }
 
     /// Takes a share of the step to the next iterate.
@@ -124,28 +169,19 @@ impl Movables {
     }
 
     /// What the next iterate changes the velocity of a contact by through its objects (m/s).
-    pub fn trial(&self, touch: &Touch) -> Vector3<f64> {
-        let moved = |object: usize, arm: &Vector3<f64>| {
-            let movable = &self.all[object];
-            movable.twist(&movable.trial).at(arm)
-        };
-        let mut velocity = Vector3::zeros();
-        if let Side::Object(object) = touch.on {
-            velocity += moved(object, &touch.arm);
-        }
-        if let Some(opposite) = &touch.against {
-            velocity -= moved(opposite.object, &opposite.arm);
-        }
-        velocity
+    pub fn trial(&self, contact: usize) -> Vector3<f64> {
+        let levers = self.levers[contact].iter().flatten();
+        let moved = levers.map(|lever| lever.velocity(&self.all[lever.place].trial));
+        moved.sum()
     }
 
     /// The motions of the objects, by their numbers, at the end of the step under the impulses of the contacts, but for the dampers of
     /// their joints. They follow from the impulses themselves, so that what a contact puts on one side it takes from the other.
     pub fn motions(&self, touches: &[Touch]) -> Vec<(usize, Twist)> {
         let mut pushed = vec![Vector6::zeros(); self.all.len()];
-        for touch in touches.iter().filter(|touch| touch.acts()) {
-            for (place, jacobian) in self.jacobians(touch) {
-                pushed[place] += jacobian.tr_mul(&touch.impulse);
+        for (touch, levers) in touches.iter().zip(&self.levers) {
+            for lever in levers.iter().flatten().filter(|_| touch.acts()) {
+                lever.push(&touch.impulse, pushed[lever.place].as_mut_slice());
             }
         }
         let moved = self.all.iter().zip(&pushed);
@@ -159,20 +195,8 @@ impl Movables {
             .collect()
     }
 
-    /// How a contact's velocity changes with the coordinates of its objects: their places, and the Jacobians.
-    fn jacobians(&self, touch: &Touch) -> impl Iterator<Item = (usize, Matrix3x6<f64>)> + use<> {
-        let on = match touch.on {
-            Side::Object(object) => Some((object, self.all[object].jacobian(&touch.arm))),
-            Side::Disc(_) => None,
-        };
-        let against = (touch.against.as_ref())
-            .map(|other| (other.object, -self.all[other.object].jacobian(&other.arm)));
-        on.into_iter().chain(against)
-    }
-
     /// Solves for the objects' coordinates, and adds to the robot's `rates` what they change of these. `rates` and what was kept of the
-    /// robot's matrix are those of the contacts without the objects; `laws` are each contact's impulse at the velocity without contacts
-    /// and inertance.
+    /// robot's matrix are those of the contacts without the objects; `laws` are what each contact does at its velocity.
     pub fn couple(
         &mut self,
         (touches, laws): (&[Touch], &[Response]),
@@ -188,53 +212,57 @@ impl Movables {
                 .fixed_view_mut::<6, 6>(6 * place, 6 * place)
                 .copy_from(&movable.mass);
         }
-        let mut spatial = DiscVelocities::default();
-        spatial.set(centres, rates);
+        self.spatial.set(centres, rates);
         // The objects' own terms, and what the contacts do to them as far as the robot moves without them.
-        for (touch, Response { impulse, inertance }) in touches.iter().zip(laws) {
-            let moved = match touch.on {
-                Side::Disc(disc) => spatial.of(disc, &touch.arm),
-                Side::Object(_) => Vector3::zeros(),
-            };
-            let impulse = impulse - inertance * moved;
-            for (row, left) in self.jacobians(touch) {
-                let mut rows = right.fixed_rows_mut::<6>(6 * row);
-                rows += left.tr_mul(&impulse);
-                for (column, other) in self.jacobians(touch) {
-                    let mut block = matrix.fixed_view_mut::<6, 6>(6 * row, 6 * column);
-                    block += left.tr_mul(&(inertance * other));
+        let contacts = || touches.iter().zip(laws).zip(&self.levers);
+        for ((touch, law), levers) in contacts().filter(|((_, law), _)| law.acts()) {
+            let mut moved = touch.free - touch.velocity;
+            if let Side::Disc(disc) = touch.on {
+                moved += self.spatial.of(disc, &touch.arm);
+            }
+            let impulse = law.impulse - law.inertance * moved;
+            for left in levers.iter().flatten() {
+                left.push(&impulse, &mut right.as_mut_slice()[6 * left.place..]);
+            }
+            for other in levers.iter().flatten() {
+                for (axis, column) in other.columns.iter().enumerate() {
+                    let pushed = law.inertance * column;
+                    let start = size * (6 * other.place + axis);
+                    let entries = &mut matrix.as_mut_slice()[start..start + size];
+                    for left in levers.iter().flatten() {
+                        left.push(&pushed, &mut entries[6 * left.place..]);
+                    }
                 }
             }
         }
         // What the robot does to them as they move: a column for each coordinate of an object that it touches.
-        let touched: Vec<bool> = (0..self.all.len())
-            .map(|place| touches.iter().any(|touch| touch.is_of_robot(place)))
-            .collect();
         self.columns.resize(size, Vec::new());
         self.reactions.resize(centres.len(), Reaction::default());
-        self.response.resize(centres.len(), Vector3::zeros());
-        for (place, _) in touched.iter().enumerate().filter(|(_, touched)| **touched) {
+        for place in 0..self.all.len() {
+            let touched =
+                of_robot(touches, laws, &self.levers).any(|(_, _, _, lever)| lever.place == place);
             for axis in 0..self.all[place].body.freedoms {
+                let column = &mut self.columns[6 * place + axis];
+                column.clear();
+                if !touched {
+                    continue;
+                }
                 self.reactions.fill(Reaction::default());
-                for (touch, Response { inertance, .. }) in touches.iter().zip(laws) {
-                    if let (Side::Disc(disc), true) = (touch.on, touch.is_of_robot(place))
-                        && let Some((_, jacobian)) = self.jacobians(touch).next()
-                    {
-                        let impulse = -(inertance * jacobian.column(axis));
+                for (disc, touch, law, lever) in of_robot(touches, laws, &self.levers) {
+                    if lever.place == place {
+                        let impulse = -(law.inertance * lever.columns[axis]);
                         self.reactions[disc].push(&touch.arm, &impulse, &Matrix3::zeros());
                     }
                 }
-                robot.respond_again(&self.reactions, &mut self.response);
-                spatial.set(centres, &self.response);
-                for (touch, Response { inertance, .. }) in touches.iter().zip(laws) {
-                    let Side::Disc(disc) = touch.on else { continue };
-                    let change = inertance * spatial.of(disc, &touch.arm);
-                    for (row, left) in self.jacobians(touch) {
-                        let mut rows = matrix.fixed_view_mut::<6, 1>(6 * row, 6 * place + axis);
-                        rows += left.tr_mul(&change);
-                    }
+                column.resize(centres.len(), Vector3::zeros());
+                robot.respond_again(&self.reactions, column);
+                self.spatial.set(centres, column);
+                let start = size * (6 * place + axis);
+                let entries = &mut matrix.as_mut_slice()[start..start + size];
+                for (disc, touch, law, lever) in of_robot(touches, laws, &self.levers) {
+                    let change = law.inertance * self.spatial.of(disc, &touch.arm);
+                    lever.push(&change, &mut entries[6 * lever.place..]);
                 }
-                self.columns[6 * place + axis].clone_from(&self.response);
             }
         }
         let Some(solved) = matrix.cholesky().map(|matrix| matrix.solve(&right)) else {
@@ -243,7 +271,7 @@ impl Movables {
         };
         for (place, movable) in self.all.iter_mut().enumerate() {
             movable.trial = solved.fixed_rows::<6>(6 * place).into();
-            for axis in (0..movable.body.freedoms).filter(|_| touched[place]) {
+            for axis in 0..movable.body.freedoms {
                 let column = &self.columns[6 * place + axis];
                 for (rate, change) in rates.iter_mut().zip(column) {
                     *rate += change * movable.trial[axis];
@@ -251,4 +279,17 @@ impl Movables {
             }
         }
     }
+}
+
+/// The contacts of discs with objects that do anything: disc, contact, what it does, and the object's lever.
+fn of_robot<'a>(
+    touches: &'a [Touch],
+    laws: &'a [Response],
+    levers: &'a [[Option<Lever>; 2]],
+) -> impl Iterator<Item = (usize, &'a Touch, &'a Response, &'a Lever)> {
+    let all = touches.iter().zip(laws).zip(levers);
+    all.filter_map(|((touch, law), levers)| match (touch.on, levers) {
+        (Side::Disc(disc), [_, Some(lever)]) if law.acts() => Some((disc, touch, law, lever)),
+        _ => None,
+    })
 }

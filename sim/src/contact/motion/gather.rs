@@ -6,7 +6,7 @@ use super::super::near::Near;
 use super::ContactStepper;
 use super::law::{ContactLaw, Push};
 use super::problem::Problem;
-use super::touch::{Opposite, Side, Touch};
+use super::touch::{Name, Opposite, Side, Touch};
 use crate::objects::Body;
 
 impl ContactStepper {
@@ -69,6 +69,7 @@ impl ContactStepper {
             free -= body.free.at(&(self.place_of(near) - body.centre));
         }
         Some(Touch {
+            name: Name::Bead(near.bead, near.obstacle),
             on: Side::Disc(disc),
             against: None,
             obstacle: near.obstacle,

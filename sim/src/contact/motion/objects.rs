@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::ContactStepper;
 use super::coupled::{Movable, Movables};
 use super::law::Push;
-use super::touch::{Opposite, Side, Touch};
+use super::touch::{Name, Opposite, Side, Touch};
 use crate::dynamics::DynamicsError;
 use crate::objects::{Body, Meeting, ObjectError, ObjectState, Twist, World};
 use crate::scene::Scene;
@@ -166,6 +166,7 @@ fn touch_of(meeting: &Meeting, timestep: f64, movables: &Movables) -> Option<Tou
         return None;
     }
     Some(Touch {
+        name: Name::Objects(meeting.object, meeting.other),
         on: Side::Object(place),
         against,
         obstacle: movable.body.obstacle,
@@ -192,12 +193,13 @@ impl ContactStepper {
     }
 
     /// Places the objects in states, one for each in the order of [`Scene::objects`], or where `None` as the scene had them at first.
-    /// What comes then is a function of these states: impulses of earlier steps, from which rapier begins its search, are forgotten.
+    /// What comes then is a function of these states: impulses of earlier steps, from which searches begin, are forgotten.
     ///
     /// # Errors
     /// [`DynamicsError::Objects`] for states of other objects, or not finite.
     pub fn place_objects(&mut self, states: Option<&[ObjectState]>) -> Result<(), DynamicsError> {
         self.objects.restart(states)?;
+        self.problem.bounds.forget();
         self.follow_objects();
         Ok(())
     }

@@ -5,13 +5,14 @@
 //! dampers along the normal ([`Push`]), and of friction of a given bound `b` across it, `-b t / max(STICK, |t|)` at the sliding
 //! velocity `t`. (Todorov, ICRA 2014; Castro, Permenter and Han, IEEE Trans. Robotics 2022, for such problems; the bound held during
 //! the solve as by Castro, Han and Masterjohn, A Theory of Irrotational Contact Fields, 2023.) Bounds follow the normal impulses from
-//! solve to solve.
+//! solve to solve ([`Bounds`]), which are the more exact the nearer they are.
 //!
 //! Newton's method: the next iterate solves `(A + J' H J) w = J' (p + H (u - u*))`, `H = -dp/du`, in O(n) ([`Reaction`]). Every iterate
 //! has `A w = J' F` with known `F`, so that the line search is one of the contacts alone.
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::bounds::Bounds;
 use super::coupled::{Movables, Responds};
 use super::touch::{DiscVelocities, Response, Side, Touch};
 use crate::dynamics::Reaction;
@@ -22,8 +23,11 @@ const TOLERANCE: f64 = 1e-10;
 const NO_IMPULSE: f64 = 1e-16;
 const MAX_ITERATIONS: usize = 60;
 /// How often bounds of friction follow the normal impulses, and the share of them at which they have.
-const MAX_BOUNDS: usize = 12;
+const MAX_BOUNDS: usize = 20;
 const SAME_BOUND: f64 = 1e-6;
+/// The tolerance with which the problem is solved before they have: at first, and by how much they were off last.
+const ROUGH: f64 = 1e-2;
+const INEXACT: f64 = 0.1;
 /// Share of the slope that may be left by a line search.
 const FLAT: f64 = 1e-3;
 const MAX_TRIALS: usize = 60;
@@ -41,8 +45,10 @@ pub(super) struct Problem {
     spatial: DiscVelocities,
     /// The objects that contacts are with.
     pub movables: Movables,
-    /// Of each contact, impulse at the velocity without contacts, and inertance.
+    /// What each contact does at its velocity.
     laws: Vec<Response>,
+    /// Bounds of friction as they follow the normal impulses.
+    pub bounds: Bounds,
 }
 
 impl Problem {
@@ -50,42 +56,74 @@ impl Problem {
     /// `robot` says how the joints' rates change by reactions. Whether it is solved.
     pub fn solve(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> bool {
         let zero = Vector3::zeros();
-        self.movables.release();
+        self.movables.prepare(&self.touches);
         for buffer in [&mut self.change, &mut self.trial] {
             buffer.clear();
             buffer.resize(centres.len(), zero);
         }
         self.reactions.resize(centres.len(), Reaction::default());
-        let mut solved = self.minimise(centres, robot);
         if self.touches.iter().all(|touch| touch.friction == 0.0) {
-            return solved;
+            return self.minimise(TOLERANCE, centres, robot);
         }
-        for _ in 0..MAX_BOUNDS {
-            if !self.follow_bounds() {
-                return solved;
-            }
-            solved = self.minimise(centres, robot);
+        // A step among objects depends on earlier ones by rapier's search, too; one without them is a function of its state.
+        let with_objects = !self.movables.all.is_empty();
+        if with_objects {
+            self.bounds.recall(&mut self.touches);
         }
-        solved
+        let followed = self.find_bounds(centres, robot);
+        if with_objects {
+            self.bounds.keep(&self.touches);
+        }
+        self.minimise(TOLERANCE, centres, robot) && followed
     }
 
-    /// Sets the bounds of friction to those of the normal impulses; whether they differ.
-    fn follow_bounds(&mut self) -> bool {
+    /// Finds bounds of friction that are those of the normal impulses; whether they are.
+    fn find_bounds(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> bool {
+        self.bounds.begin();
+        let mut tolerance = ROUGH;
+        for _ in 0..MAX_BOUNDS {
+            self.minimise(tolerance, centres, robot);
+            let change = self.follow_bounds();
+            if change <= SAME_BOUND {
+                return true;
+            }
+            tolerance = (INEXACT * change).clamp(TOLERANCE, ROUGH);
+        }
+        false
+    }
+
+    /// Sets the bounds of friction to those of the normal impulses, extrapolated. By how much they differed, for the largest of them.
+    fn follow_bounds(&mut self) -> f64 {
         let (mut change, mut largest): (f64, f64) = (0.0, 0.0);
-        for touch in &mut self.touches {
-            let pressed = touch.pressed(&touch.velocity) * touch.gradient.norm();
-            let bound = touch.friction * pressed;
-            change = change.max((bound - touch.bound).abs());
-            largest = largest.max(bound);
+        let found: Vec<f64> = (self.touches.iter())
+            .map(|touch| {
+                let pressed = touch.pressed(&touch.velocity) * touch.gradient.norm();
+                let bound = touch.friction * pressed;
+                change = change.max((bound - touch.bound).abs());
+                largest = largest.max(bound);
+                bound
+            })
+            .collect();
+        if change <= NO_IMPULSE {
+            return 0.0;
+        }
+        let bounds: Vec<f64> = self.touches.iter().map(|touch| touch.bound).collect();
+        let next = self.bounds.next(&bounds, found);
+        for (touch, bound) in self.touches.iter_mut().zip(next) {
             touch.bound = bound;
         }
-        change > SAME_BOUND * largest + NO_IMPULSE
+        change / largest.max(NO_IMPULSE)
     }
 
     /// Newton's method from where the contacts stand.
-    fn minimise(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> bool {
+    fn minimise(
+        &mut self,
+        tolerance: f64,
+        centres: &[Vector3<f64>],
+        robot: &mut impl Responds,
+    ) -> bool {
         for _ in 0..MAX_ITERATIONS {
-            if self.is_solved() {
+            if self.is_solved(tolerance) {
                 return true;
             }
             self.newton_step(centres, robot);
@@ -102,17 +140,17 @@ impl Problem {
             }
             self.movables.take(share);
         }
-        self.is_solved()
+        self.is_solved(tolerance)
     }
 
-    fn is_solved(&self) -> bool {
+    fn is_solved(&self, tolerance: f64) -> bool {
         let (mut error, mut largest): (f64, f64) = (0.0, 0.0);
         for touch in &self.touches {
             let impulse = touch.impulse_at(&touch.velocity);
             error = error.max((impulse - touch.impulse).norm_squared());
             largest = largest.max(impulse.norm_squared());
         }
-        error.sqrt() <= TOLERANCE * largest.sqrt() + NO_IMPULSE
+        error.sqrt() <= tolerance * largest.sqrt() + NO_IMPULSE
     }
 
     /// Solves the problem with the impulses linearised at their velocities.
@@ -121,15 +159,13 @@ impl Problem {
         self.steps.clear();
         self.laws.clear();
         for touch in &self.touches {
-            let Response { impulse, inertance } = touch.response();
-            let at_rest = impulse + inertance * (touch.velocity - touch.free);
-            if let Side::Disc(disc) = touch.on {
-                self.reactions[disc].push(&touch.arm, &at_rest, &inertance);
+            let response = touch.response();
+            if let (Side::Disc(disc), true) = (touch.on, response.acts()) {
+                let Response { impulse, inertance } = &response;
+                let at_rest = impulse + inertance * (touch.velocity - touch.free);
+                self.reactions[disc].push(&touch.arm, &at_rest, inertance);
             }
-            self.laws.push(Response {
-                impulse: at_rest,
-                inertance,
-            });
+            self.laws.push(response);
         }
         if self.movables.all.is_empty() {
             robot.respond(&self.reactions, &mut self.trial);
@@ -139,17 +175,13 @@ impl Problem {
             (self.movables).couple(contacts, centres, &mut self.trial, robot);
         }
         self.spatial.set(centres, &self.trial);
-        for touch in &self.touches {
-            let Response { impulse, inertance } = touch.response();
-            let mut there = touch.free;
+        for (number, (touch, law)) in self.touches.iter().zip(&self.laws).enumerate() {
+            let mut there = touch.free + self.movables.trial(number);
             if let Side::Disc(disc) = touch.on {
                 there += self.spatial.of(disc, &touch.arm);
             }
-            if !self.movables.all.is_empty() {
-                there += self.movables.trial(touch);
-            }
             let velocity = there - touch.velocity;
-            let next = impulse - inertance * velocity;
+            let next = law.impulse - law.inertance * velocity;
             self.steps.push([velocity, next - touch.impulse]);
         }
     }

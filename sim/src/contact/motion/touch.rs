@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::super::Sliding;
 use super::law::Push;
+use crate::geometry::Bead;
 
 /// Sliding velocity (m/s) up to which a contact sticks: it creeps by as much at most.
 const STICK: f64 = 1e-6;
@@ -17,6 +18,14 @@ pub(super) enum Side {
     Object(usize),
 }
 
+/// What a contact is known by from step to step: a bead near an obstacle, or an object near another or near what is fixed. Several have
+/// one name where a bead is near two faces, or an object stands on four points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Name {
+    Bead(Bead, usize),
+    Objects(usize, Option<usize>),
+}
+
 /// The object that a contact acts on the other way, by its place in the problem, and where, from its centre of mass (m).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Opposite {
@@ -27,6 +36,7 @@ pub(super) struct Opposite {
 /// A point at which a disc touches, or an object, or soon may.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Touch {
+    pub name: Name,
     /// What the impulse acts on, and which object the opposite one acts on, if any.
     pub on: Side,
     pub against: Option<Opposite>,
@@ -55,6 +65,13 @@ pub(super) struct Touch {
 pub(super) struct Response {
     pub impulse: Vector3<f64>,
     pub inertance: Matrix3<f64>,
+}
+
+impl Response {
+    /// Whether there is an impulse, or would be at other velocities.
+    pub fn acts(&self) -> bool {
+        self.impulse != Vector3::zeros() || self.inertance != Matrix3::zeros()
+    }
 }
 
 impl Touch {
@@ -103,12 +120,6 @@ impl Touch {
             true => Sliding::Sticks,
             false => Sliding::Free,
         }
-    }
-
-    /// Whether a disc touches the object at a place of the problem here.
-    pub fn is_of_robot(&self, object: usize) -> bool {
-        let against = self.against.is_some_and(|other| other.object == object);
-        against && matches!(self.on, Side::Disc(_))
     }
 
     /// Whether it does anything.

@@ -198,7 +198,12 @@ fn heavy_boxes_do_not_blow_up() {
             },
         );
         let way = (stepper.objects()[0].pose.translation.vector.x + 0.072).abs();
-        eprintln!("{factor} times: {fastest} m/s, {strongest} N, moved {way} m");
+        let unsolved = stepper.unsolved();
+        eprintln!(
+            "{factor} times: {fastest} m/s, {strongest} N, moved {way} m, {unsolved} steps not to full precision"
+        );
+        // Bounds of friction follow the forces, of which they have a share in nearly every step.
+        assert!(unsolved < 60, "{factor}: {unsolved}");
         assert!(strongest > 0.0 && state.is_finite());
         // The tip itself moves at less than half a metre a second; a box may fall off the table besides.
         assert!(fastest < 2.0, "{factor}: {fastest}");
