@@ -56,6 +56,7 @@ def test_ppo_reaches_points_far_better_than_random_actions(request: pytest.Fixtu
     ("script", "says"),
     [
         ("reach_ppo.py", r"after \d+ steps: return (-[\d.]+), .* random actions: (-[\d.]+),"),
+        ("push_ppo.py", r"learned: success (\d+)%,.*\nrandom actions: success (\d+)%,"),
         ("reach_her.py", r"after \d+ steps: success (\d+)%; random actions: (\d+)%"),
     ],
 )
