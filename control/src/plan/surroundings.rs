@@ -1,6 +1,6 @@
 //! How far a robot's discs are from obstacles and from each other.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::geometry::Beads;
 use tdcr_sim::robot::Robot;
@@ -150,27 +150,15 @@ impl Surroundings {
 
     /// The obstacle that is nearest to any disc; `None` without obstacles.
     pub fn closest_obstacle(&self, placed: Placed) -> Option<Closest> {
-        let mut closest: Option<Closest> = None;
-        for (number, obstacle) in self.scene.obstacles().iter().enumerate() {
-            for disc in 0..placed.positions.len() {
-                let most = closest.map_or(f64::INFINITY, |found| found.distance);
-                let away = obstacle.signed_distance(&placed.origin(disc));
-                if away - self.beads.enclosing(disc) - self.beads.shape_error() >= most {
-                    continue;
-                }
-                self.for_beads(placed, disc, |centre, radius| {
-                    let gap = obstacle.signed_distance(&centre) - radius - self.beads.shape_error();
-                    if closest.is_none_or(|found| gap < found.distance) {
-                        closest = Some(Closest {
-                            distance: gap,
-                            disc,
-                            partner: Near::Obstacle(number),
-                        });
-                    }
-                });
-            }
-        }
-        closest
+        let discs = (0..placed.positions.len()).map(|disc| {
+            Isometry3::from_parts(placed.origin(disc).into(), placed.orientations[disc])
+        });
+        let nearest = self.scene.nearest(&self.beads, discs);
+        nearest.map(|found| Closest {
+            distance: found.gap - self.beads.shape_error(),
+            disc: found.disc,
+            partner: Near::Obstacle(found.obstacle),
+        })
     }
 
     /// The first two discs found that touch.

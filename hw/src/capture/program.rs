@@ -41,11 +41,18 @@ impl Program {
         let tension = file.spec.commands.tension;
         let step = motion.slew * motion.period;
         let mut planner = Planner::new(&robot, limits.collect(), tension, step)?;
+        if let (Some(scene), Some(around)) = (&file.scene, &file.spec.scene) {
+            planner = planner.clear_of(scene.clone(), around.clearance);
+        }
         let draws = Draws {
             settings: file.spec.commands.clone(),
             rest: rest(&robot, &winches, planner.shaper().modules()),
             seed,
         };
+        if file.scene.is_some() {
+            // Home is where every way begins and ends.
+            planner.stay(&(&draws.rest).into())?;
+        }
         Ok(Self {
             winches,
             planner,

@@ -7,7 +7,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tdcr_sim::robot::Command;
 
-use super::path::{PlanError, Planner};
+use super::error::PlanError;
+use super::path::Planner;
 use super::shape::{Bend, Shape};
 
 /// Draws of one command before one gives up.

@@ -5,10 +5,13 @@
 //! tendons share (co-contraction). The command of a tendon is its length in that shape, less what the tension stretches it by.
 //! [`Draws`] draws such commands, and a [`Planner`] leads from one to the next; both ask the simulator for the tensions.
 
+mod clear;
 mod draw;
+mod error;
 mod path;
 mod shape;
 
 pub use draw::{CommandSettings, Drawn, Draws};
-pub use path::{PlanError, Planner};
+pub use error::PlanError;
+pub use path::Planner;
 pub use shape::{Bend, Place, Shape, ShapeError, Shaper};

@@ -1,87 +1,15 @@
 //! From one shape to another, past slack and overload.
 
-use tdcr_sim::robot::{Command, CommandError, Loads, Robot};
+use tdcr_sim::robot::{Command, Loads, Robot};
+use tdcr_sim::scene::Scene;
 use tdcr_sim::statics::Settler;
-use thiserror::Error;
 
-use super::shape::{Place, Shape, ShapeError, Shaper};
+use super::clear::{KeptClear, parts};
+use super::error::{LONGEST, PlanError};
+use super::shape::{Place, Shape, Shaper};
 
 /// Distance along a path (m, of the tendon that moves the most) at which tensions are asked of the simulator.
 const CHECK_EVERY: f64 = 5e-4;
-
-/// Most steps of a way: hours of motion, and some tens of megabytes.
-const LONGEST: usize = 500_000;
-
-/// Why there is no way.
-#[derive(Clone, Debug, Error, PartialEq)]
-#[non_exhaustive]
-pub enum PlanError {
-    /// The robot has no shapes.
-    #[error(transparent)]
-    Shape(#[from] ShapeError),
-    /// A command lies beyond the robot's ranges.
-    #[error(transparent)]
-    Command(#[from] CommandError),
-    /// A command lies beyond the limits of its servo.
-    #[error(
-        "tendon {} would have the command {command:.4} m; its servo allows {low:.4} to {high:.4} m",
-        tendon + 1
-    )]
-    Limit {
-        /// Which tendon, from 0; people read it from 1.
-        tendon: usize,
-        /// Its command (m).
-        command: f64,
-        /// Smallest command (m).
-        low: f64,
-        /// Largest command (m).
-        high: f64,
-    },
-    /// A tendon would go slack, or be overloaded.
-    #[error("tendon {} would have a tension of {tension:.2} N, {} of the way; expected {low} to {high} N", tendon + 1, percent(*.part))]
-    Tension {
-        /// Which tendon, from 0; people read it from 1.
-        tendon: usize,
-        /// Its tension (N).
-        tension: f64,
-        /// Where on the way, from 0 to 1.
-        part: f64,
-        /// Smallest tension (N).
-        low: f64,
-        /// Largest tension (N).
-        high: f64,
-    },
-    /// The simulator finds no equilibrium.
-    #[error("the simulated robot does not settle, {} of the way", percent(*.part))]
-    NotSettled {
-        /// Where on the way, from 0 to 1.
-        part: f64,
-    },
-    /// The way has more steps than anybody waits for.
-    #[error(
-        "the way has {steps:.1e} steps of {step:.1e} m, more than {LONGEST}: allow a larger motion.slew, or a longer motion.period"
-    )]
-    TooLong {
-        /// Its steps.
-        steps: f64,
-        /// A step (m).
-        step: f64,
-    },
-    /// Chance has found no command.
-    #[error(
-        "none of {draws} draws is a command that the robot survives: {last}; allow less bend or other tensions"
-    )]
-    NoCommand {
-        /// How many were drawn.
-        draws: usize,
-        /// What was wrong with the last.
-        last: Box<PlanError>,
-    },
-}
-
-fn percent(part: f64) -> String {
-    format!("{:.0} %", 100.0 * part)
-}
 
 /// Leads from shape to shape.
 #[derive(Clone, Debug)]
@@ -96,6 +24,8 @@ pub struct Planner {
     step: f64,
     /// What the robot carries.
     loads: Loads,
+    /// What it keeps clear of.
+    clear: Option<KeptClear>,
 }
 
 impl Planner {
@@ -122,7 +52,17 @@ impl Planner {
             tension,
             step,
             loads: Loads::default(),
+            clear: None,
         })
+    }
+
+    /// The same for a robot whose discs keep a distance (m) from the obstacles of a scene, wherever they are on a way.
+    pub fn clear_of(self, scene: Scene, clearance: f64) -> Self {
+        let clear = KeptClear::new(self.robot(), scene, clearance);
+        Self {
+            clear: Some(clear),
+            ..self
+        }
     }
 
     /// The same for a robot that carries these loads.
@@ -187,6 +127,16 @@ impl Planner {
         }
     }
 
+    /// Refuses a place that is too near to an obstacle, or where tensions are out of bounds.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub fn stay(&mut self, place: &Place) -> Result<(), PlanError> {
+        let command = self.command_at(place)?;
+        self.settler.settle(&command, &self.loads);
+        self.check(&command, 0.0)
+    }
+
     /// Commands from `from` (not included) to `to`, on the straight line of bends and tensions, no tendon moving by more than
     /// a step between two, each with tensions within their bounds.
     ///
@@ -231,6 +181,7 @@ impl Planner {
         let steps = steps as usize;
         let checked = (CHECK_EVERY / self.step).floor().max(1.0) as usize;
         self.settler.settle(&ends[0], &self.loads);
+        let mut last = ends[0].clone();
         (1..=steps)
             .map(|k| {
                 let part = k as f64 / steps as f64;
@@ -240,7 +191,8 @@ impl Planner {
                     false => between(self, part)?,
                 };
                 if k % checked == 0 || k == steps {
-                    self.check(&command, part)?;
+                    self.check_way(&last, &command, part)?;
+                    last.clone_from(&command);
                 }
                 Ok(command)
             })
@@ -282,7 +234,29 @@ impl Planner {
         Ok(path)
     }
 
-    /// Refuses a command under which the simulator finds a tendon slack or overloaded. The robot is followed from where it was
+    /// Refuses a command as [`check`](Self::check), and a way to it from the last one on which a disc comes too near to an obstacle.
+    fn check_way(&mut self, last: &Command, command: &Command, part: f64) -> Result<(), PlanError> {
+        if self.clear.is_none() {
+            return self.check(command, part);
+        }
+        let from = self.settler.equilibrium().positions.to_vec();
+        self.check(command, part)?;
+        let between = parts(&from, &self.settler.equilibrium().positions);
+        // Back to the last one, and to the command again.
+        for step in (1..between).rev() {
+            let share = step as f64 / between as f64;
+            let values = last.as_slice().iter().zip(command.as_slice());
+            let values: Vec<f64> = values.map(|(a, b)| a + share * (b - a)).collect();
+            let command = self.robot().command(&values)?;
+            self.check(&command, part)?;
+        }
+        if between > 1 {
+            self.settler.follow(command, &self.loads);
+        }
+        Ok(())
+    }
+
+    /// Refuses a command under which the simulator finds a tendon slack or overloaded, or a disc too near to an obstacle. The robot is followed from where it was
     /// last asked for.
     fn check(&mut self, command: &Command, part: f64) -> Result<(), PlanError> {
         let settled = self.settler.follow(command, &self.loads);
@@ -301,6 +275,9 @@ impl Planner {
                 });
             }
         }
-        Ok(())
+        match &self.clear {
+            Some(clear) => clear.check(settled.pose(), part),
+            None => Ok(()),
+        }
     }
 }

@@ -116,6 +116,16 @@ impl RigFile {
                 expected,
             ));
         }
+        if let Some(around) = &self.spec.scene
+            && !(around.clearance.is_finite() && around.clearance >= 0.0)
+        {
+            let expected = "a distance of 0 or more (m)";
+            return Err(RigError::field(
+                "scene.clearance",
+                around.clearance,
+                expected,
+            ));
+        }
         let RigSpec { motion, safety, .. } = &self.spec;
         motion.check()?;
         safety.check(motion)?;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use tdcr_sim::formats::RobotFileError;
 use tdcr_sim::robot::{CommandError, SpecError};
+use tdcr_sim::scene::SceneError;
 use thiserror::Error;
 
 use super::stop::EmergencyStop;
@@ -56,6 +57,9 @@ pub enum RigError {
     /// The robot cannot be read.
     #[error(transparent)]
     Robot(#[from] RobotFileError),
+    /// The scene cannot be read.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
     /// The robot makes no sense with the rig's cameras.
     #[error("{}{source}", place.as_deref().unwrap_or_default())]
     Spec {

@@ -8,6 +8,7 @@ use tdcr_base::files::{Table, read_text, with_place};
 use tdcr_sim::formats::Note;
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
+use tdcr_sim::scene::Scene;
 
 use super::RigError;
 use super::masks::MasksSpec;
@@ -40,6 +41,9 @@ pub struct RigSpec {
     /// How the robot is told from what else the cameras see.
     #[serde(default)]
     pub masks: MasksSpec,
+    /// What the robot keeps clear of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<RigScene>,
     /// Which commands are drawn.
     #[serde(default)]
     pub commands: CommandSettings,
@@ -52,6 +56,22 @@ pub struct RigSpec {
     /// What there is besides the robot where parts are simulated.
     #[serde(default)]
     pub simulation: SimulationSettings,
+}
+
+/// Obstacles around a rig, such as the table below it. Ways are planned clear of them; simulated servos and cameras know nothing of
+/// them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigScene {
+    /// The scene's file, from the rig file's folder.
+    pub file: PathBuf,
+    /// Distance that discs keep from obstacles (m).
+    #[serde(default = "five_millimetres")]
+    pub clearance: f64,
+}
+
+fn five_millimetres() -> f64 {
+    0.005
 }
 
 fn base_hidden() -> BaseVisibility {
@@ -175,6 +195,8 @@ pub struct RigFile {
     pub spec: RigSpec,
     /// The robot, watched by the rig's cameras where it has any.
     pub robot: RobotSpec,
+    /// The obstacles around it, where the file names a scene.
+    pub scene: Option<Scene>,
     /// What of the robot's file, if it is one of another tool, was passed over or is otherwise here.
     pub notes: Vec<Note>,
     /// Its text, for the lines of what is wrong.
@@ -205,9 +227,12 @@ impl RigFile {
             reason: with_place(&error.to_string(), &tables()),
         })?;
         let (robot, notes) = RobotSpec::load_with_notes(&robot_name(&spec.robot, path))?;
+        let scene = spec.scene.as_ref();
+        let scene = scene.map(|around| Scene::load(&beside(path, &around.file)));
         let mut file = Self {
             path: path.to_owned(),
             robot,
+            scene: scene.transpose()?,
             notes,
             spec,
             text: text.into(),
@@ -242,12 +267,13 @@ impl RigFile {
 }
 
 /// The tables of a rig file.
-fn tables() -> [Table; 8] {
+fn tables() -> [Table; 9] {
     [
         Table::of::<RigSpec>("the file itself, above all tables"),
         Table::of::<ServosSpec>("[servos]"),
         Table::of::<RigCameraSpec>("[[cameras]]"),
         Table::of::<MasksSpec>("[masks]"),
+        Table::of::<RigScene>("[scene]"),
         Table::of::<CommandSettings>("[commands]"),
         Table::of::<MotionSettings>("[motion]"),
         Table::of::<SafetySettings>("[safety]"),

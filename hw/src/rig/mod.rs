@@ -44,7 +44,8 @@ mod winch;
 pub use by_hand::{ByHand, Gauged, Turn};
 pub use error::RigError;
 pub use file::{
-    CameraLink, RigCameraSpec, RigFile, RigSpec, SensorModel, ServoLink, ServosSpec, TendonMode,
+    CameraLink, RigCameraSpec, RigFile, RigScene, RigSpec, SensorModel, ServoLink, ServosSpec,
+    TendonMode,
 };
 pub use goals::OffGoal;
 pub use homing::HomingReport;

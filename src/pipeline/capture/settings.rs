@@ -240,6 +240,9 @@ impl CaptureSettings {
             "masks": masks,
             "commands": commands,
         });
+        if let (Some(scene), Some(around)) = (&rig.file().scene, &rig.spec().scene) {
+            settings["scene"] = json!({ "obstacles": scene, "clearance": around.clearance });
+        }
         if self.masks.is_some() {
             settings["masks_by"] = json!("another program");
         }

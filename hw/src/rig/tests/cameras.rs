@@ -127,7 +127,7 @@ fn a_capture_ends_at_a_frozen_camera() {
     let settings = SessionSettings {
         seed: 1,
         voxel_size: 0.004,
-        masks: None,
+        ..SessionSettings::default()
     };
     let faults = rig.camera_faults()[0].clone().unwrap();
     let mut go_on = || ControlFlow::Continue(());
