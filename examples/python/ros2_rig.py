@@ -15,7 +15,6 @@ seconds once it follows, and on every other way out.
 import argparse
 import sys
 import time
-import tomllib
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -135,16 +134,15 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--description", action="store_true", help="print the URDF and end")
     parser.add_argument("--timeout", type=float, default=0.5, help="silence after which the tension is released (s, %(default)s)")
     options = parser.parse_args(arguments)
-    motion = {"slew": 0.02, "period": 0.05} | tomllib.loads(options.file.read_text(encoding="utf-8")).get("motion", {})
     with tdcr.Rig(options.file, real_time=True) as rig:
         if options.description:
-            print(description(rig, motion["slew"]), end="")
+            print(description(rig, rig.slew), end="")
             return
         if set(rig.homing()) != {"homed"}:
             raise SystemExit("not homed: tdcr home first")
         rig.engage()
         rig.go_home()
-        follow(rig, motion["slew"] * motion["period"], options.timeout)
+        follow(rig, rig.slew * rig.period, options.timeout)
 
 
 if __name__ == "__main__":

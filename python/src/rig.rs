@@ -2,7 +2,8 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard};
 
 use nalgebra::Vector3;
 use numpy::{PyArray1, PyReadonlyArray1};
@@ -24,9 +25,16 @@ use crate::run::{self, Watch};
 use crate::stage::Stage;
 use crate::vision::{Cloud, View, cloud_arrays, view};
 
-/// Servos and cameras behind one file. The lock is for Python, which may hand a rig to several threads: they take turns.
+/// Servos and cameras behind one file.
 #[pyclass(frozen, module = "tdcr._tdcr")]
-pub struct Rig(Mutex<tdcr::hw::rig::Rig>);
+pub struct Rig(Shared);
+
+/// A rig that Python may hand to several threads: they take turns.
+struct Shared {
+    rig: Mutex<tdcr::hw::rig::Rig>,
+    /// Whether a capture waits for a payload: a call meanwhile, by the one who hangs it, would wait for itself.
+    hanging: AtomicBool,
+}
 
 /// What a servo does: its address, position from home (ticks), the command that this stands for (m), velocity (rad/s), and
 /// current (A), positive where it pulls; or why it did not say, in place of these.
@@ -48,7 +56,11 @@ impl Rig {
             let file = RigFile::load(&path)?;
             let notes = notes_of(&file);
             let rig = tdcr::hw::rig::Rig::open_file(file, pace)?;
-            Ok((Self(Mutex::new(rig)), notes))
+            let shared = Shared {
+                rig: Mutex::new(rig),
+                hanging: AtomicBool::new(false),
+            };
+            Ok((Self(shared), notes))
         })?
     }
 
@@ -233,6 +245,15 @@ impl Rig {
         Ok((low, high))
     }
 
+    /// Largest speed of a tendon (m/s), and how often goals are sent (s).
+    #[getter]
+    fn motion(&self, py: Python<'_>) -> Outcome<(f64, f64)> {
+        self.short(py, |rig| {
+            let motion = &rig.spec().motion;
+            (motion.slew, motion.period)
+        })
+    }
+
     /// A command by chance that can be reached from home.
     fn draw<'py>(&self, py: Python<'py>, seed: u64) -> Outcome<Bound<'py, PyArray1<f64>>> {
         let drawn = self.short(py, |rig| {
@@ -260,8 +281,10 @@ impl Rig {
         let settings: CaptureSettings = options_of(options)?;
         let rig = &self.0;
         let report = run::long(py, progress, |watch| -> Outcome<_> {
-            let monitor = Stage::new(&["capture"], watch).with_hang(hang.as_ref());
-            let captured = pipeline::capture(&mut *locked(rig)?, &settings, &out, &monitor);
+            let mut held = locked(rig)?;
+            let hang = hang.as_ref().map(|call| (call, &rig.hanging));
+            let monitor = Stage::new(&["capture"], watch).with_hang(hang);
+            let captured = pipeline::capture(&mut held, &settings, &out, &monitor);
             match monitor.raised() {
                 Some(raised) => Err(raised.into()),
                 None => Ok(captured?),
@@ -336,12 +359,15 @@ impl Rig {
     }
 }
 
-fn locked(
-    rig: &Mutex<tdcr::hw::rig::Rig>,
-) -> Outcome<std::sync::MutexGuard<'_, tdcr::hw::rig::Rig>> {
+fn locked(shared: &Shared) -> Outcome<MutexGuard<'_, tdcr::hw::rig::Rig>> {
+    let refused = |why: &str| Failure::Of("RigError", why.to_owned());
+    if shared.hanging.load(Ordering::Acquire) {
+        return Err(refused(
+            "a capture of this rig waits for hang to return; expected no other call of it until then",
+        ));
+    }
     let broken = "a call of this rig panicked; expected one that did not: open the rig again";
-    rig.lock()
-        .map_err(|_| Failure::Of("RigError", broken.to_owned()))
+    shared.rig.lock().map_err(|_| refused(broken))
 }
 
 fn grid(voxel: f64) -> Outcome<VoxelGrid> {

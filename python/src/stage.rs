@@ -13,7 +13,7 @@ pub struct Stage<'a> {
     names: &'static [&'static str],
     watch: &'a Watch,
     running: AtomicBool,
-    hang: Option<&'a Py<PyAny>>,
+    hang: Option<(&'a Py<PyAny>, &'a AtomicBool)>,
     raised: Mutex<Option<PyErr>>,
 }
 
@@ -31,7 +31,8 @@ impl<'a> Stage<'a> {
     }
 
     /// The same; `hang` is called with payloads (kg) that a person is to hang at the tip of a rig, and returns when they hang there.
-    pub fn with_hang(self, hang: Option<&'a Py<PyAny>>) -> Self {
+    /// Its flag is set meanwhile.
+    pub fn with_hang(self, hang: Option<(&'a Py<PyAny>, &'a AtomicBool)>) -> Self {
         Self { hang, ..self }
     }
 
@@ -70,10 +71,13 @@ impl Monitor for Stage<'_> {
     }
 
     fn hang(&self, payload: f64) -> bool {
-        let Some(hang) = self.hang else {
+        let Some((hang, hanging)) = self.hang else {
             return false;
         };
-        match Python::attach(|py| hang.call1(py, (payload,)).map(drop)) {
+        hanging.store(true, Ordering::Release);
+        let hung = Python::attach(|py| hang.call1(py, (payload,)).map(drop));
+        hanging.store(false, Ordering::Release);
+        match hung {
             Ok(()) => true,
             Err(error) => {
                 *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);

@@ -345,6 +345,16 @@ class Rig:
         """Smallest and largest tension (N) that the simulator may find in a tendon, as the rig's file says."""
         return self._native.tension
 
+    @property
+    def slew(self) -> float:
+        """Largest speed of a tendon (m/s), as the rig's file says."""
+        return self._native.motion[0]
+
+    @property
+    def period(self) -> float:
+        """Time between two goals (s), as the rig's file says."""
+        return self._native.motion[1]
+
     def draw(self, seed: int) -> Floats:
         """A command by chance, shape (tendons,) (m), that can be reached from home with tensions within bounds."""
         return self._native.draw(as_seed(seed))
@@ -387,8 +397,9 @@ class Rig:
                 data set, and all samples of a command are in one split.
             payloads: Captures all commands, with their repeats, under one payload at the tip after another (kg; 0 for none).
                 Payloads are part of the samples' conditions. A set of several payloads does not grow.
-            hang: Is called with each payload before its samples, the rig released, and returns when it hangs at the tip. A
-                simulated rig needs none: it hangs them itself.
+            hang: Is called with each payload before its samples, the rig released, and returns when it hangs at the tip. No other
+                call of the rig is possible until then, and Ctrl-C is heard when it returns. A simulated rig needs none: it hangs
+                them itself.
             points: Points per cloud.
             voxel: Edge of the voxels that thin the fused clouds (m).
             seed: Seed of commands, samples and splits.

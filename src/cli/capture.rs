@@ -82,11 +82,11 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the data set")?;
     let file = super::load_rig(&args.rig)?;
     let mut settings = args.settings.clone();
+    settings.check_payloads()?;
     if let Some(commands) = &args.commands_file {
         settings.given = Some(given(commands, &file, &settings, console)?);
     }
     let settings = &settings;
-    settings.check_payloads()?;
     // Refuses more samples than a data set may have, before they are counted up.
     split_indices(settings.samples(), settings.seed)?;
     if args.dry_run {
@@ -137,7 +137,6 @@ fn given(
     settings: &CaptureSettings,
     console: &Console,
 ) -> anyhow::Result<Vec<Vec<f64>>> {
-    settings.check_payloads()?;
     let programs = (0..settings.parts()).map(|part| settings.program(file, part));
     let programs = RefCell::new(programs.collect::<Result<Vec<Program>, _>>()?);
     read_commands(commands, |row| {

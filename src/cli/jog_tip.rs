@@ -1,7 +1,7 @@
 //! `tdcr jog --tip`: the tip in the world's axes.
 
 use nalgebra::Vector3;
-use tdcr::hw::capture::{Session, SessionSettings};
+use tdcr::hw::capture::{CaptureError, Session, SessionSettings};
 use tdcr::hw::rig::{Rig, RigError};
 use tdcr::track::TipSteer;
 
@@ -26,7 +26,8 @@ pub(super) fn obey(
         .tell("w s: along y; a d: along x; + -: along z; h: home; c: capture; q: let go and end");
     while let Some(key) = jogged.key(&mut session, keys, console)? {
         if key == 'h' {
-            session.rig().go_home()?;
+            let home = session.program().rest().clone();
+            session.visit(home)?;
             command = session.rig().commanded().ok_or(RigError::Released)?;
             jogged.moves += 1;
             continue;
@@ -35,10 +36,19 @@ pub(super) fn obey(
             continue;
         };
         let found = session.rig().hold_while(|| steer.moved(&command, by))?;
-        match found {
+        // By the session's plan: clear of obstacles, and with what its servos should pull there known.
+        let found: Result<_, String> = match found {
+            Err(error) => Err(error.to_string()),
             Ok(next) => {
                 let to = session.rig().robot().command(&next)?;
-                session.rig().move_to(&to, &mut || console.go_on())?;
+                match session.visit(to) {
+                    Err(CaptureError::Plan(error)) => Err(error.to_string()),
+                    visited => visited.map(|()| Ok(next))?,
+                }
+            }
+        };
+        match found {
+            Ok(next) => {
                 command = next;
                 jogged.moves += 1;
                 let tip = steer.tip(&command)?;
@@ -47,9 +57,9 @@ pub(super) fn obey(
                     tip.x, tip.y, tip.z
                 ));
             }
-            Err(error) => {
+            Err(reason) => {
                 jogged.refused += 1;
-                console.tell(&error.to_string());
+                console.tell(&reason);
             }
         }
     }

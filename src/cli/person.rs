@@ -1,10 +1,12 @@
 //! The person at the rig, who is asked to do something with their hands.
 
-use std::io::BufRead;
+use std::io::{BufRead, IsTerminal};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::Duration;
+
+use rustix::termios::{QueueSelector, tcflush};
 
 use super::console::say;
 
@@ -12,9 +14,16 @@ use super::console::say;
 const POLL: Duration = Duration::from_millis(50);
 
 /// Asks for something, and waits for a line on stdin that says that it is done; `false` where `ends` says so, or no line can come.
+/// What was typed on a terminal before one asks is no answer; lines of a pipe are answers in their order.
 pub(super) fn does(request: &str, ends: impl Fn() -> bool) -> bool {
-    say(&format!("{request}, then press Enter (Ctrl-C ends)"));
     let lines = lines().lock().unwrap_or_else(PoisonError::into_inner);
+    let stdin = std::io::stdin();
+    if stdin.is_terminal() {
+        // What was not read yet; of a terminal that cannot be told to, nothing is known.
+        tcflush(&stdin, QueueSelector::IFlush).ok();
+        while lines.try_recv().is_ok() {}
+    }
+    say(&format!("{request}, then press Enter (Ctrl-C ends)"));
     loop {
         if ends() {
             return false;

@@ -1,12 +1,16 @@
 //! Captures under payloads.
 
 use std::fs;
+use std::io::Write;
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
 
 use serde_json::Value;
 
 use crate::capture::small_rig;
+use crate::release::{ended, listen, says_on, send, wait_for};
 use crate::servo_sim::{LATE, Server, rig_on};
 use crate::{TINY_NETWORK, refuse, stderr, succeed, succeed_json, tdcr, text};
 
@@ -108,6 +112,19 @@ fn payloads_that_make_no_sense_are_refused_and_one_that_nobody_hangs() {
         );
     }
     assert!(!out.exists());
+    // A command of one's own that only the payload makes too much.
+    let dry = succeed_json(&[&capture[..], &["--dry-run"]].concat());
+    let file = folder.path().join("mine.csv");
+    let values = dry["moves"][0]["command"].as_array().unwrap().iter();
+    let values: Vec<String> = values.map(ToString::to_string).collect();
+    fs::write(&file, values.join(",") + "\n").unwrap();
+    let mine = ["capture", "--rig", text(&rig), "--out", text(&out)];
+    let mine = [
+        &mine[..],
+        &["--commands-file", text(&file), "--payloads", "0,50"],
+    ]
+    .concat();
+    refuse(&mine, 1, "under 50 kg: tendon");
     // More than its tendons could hold.
     let heavy = [&capture[..], &["--payloads", "0,100", "--dry-run"]].concat();
     let heavy = tdcr(&heavy).output().unwrap();
@@ -149,6 +166,89 @@ fn payloads_that_make_no_sense_are_refused_and_one_that_nobody_hangs() {
         );
         assert_eq!(asked.status.code(), Some(1));
         return;
+    }
+    panic!("servos on a port are never heard in time");
+}
+
+/// What is asked for a payload ends in.
+const ASKED: &str = "then press Enter";
+
+#[test]
+fn an_enter_from_before_the_question_is_no_answer_and_neither_is_ctrl_c() {
+    // Again where a busy machine ran the server later than the driver waits.
+    for _ in 0..10 {
+        let server = Server::of(
+            concat!(env!("CARGO_MANIFEST_DIR"), "/examples/paper-robot.toml"),
+            &[],
+        );
+        let folder = tempfile::tempdir().unwrap();
+        let rig = rig_on(&server, folder.path());
+        let homed = tdcr(&["home", "--rig", text(&rig), "--here", "--no-log", "--quiet"]);
+        if !{ homed }.output().unwrap().status.success() {
+            continue;
+        }
+        let out = folder.path().join("out");
+        let capture = [
+            "capture",
+            "--rig",
+            text(&rig),
+            "--out",
+            text(&out),
+            "--payloads",
+            "0.02",
+        ];
+
+        let mut child = tdcr(&capture)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let said = listen(child.stderr.take().unwrap());
+        let asks = || said.lock().unwrap().contains(ASKED).then_some(());
+        if wait_for(&mut child, asks).is_some() {
+            send("-INT", child.id());
+        }
+        let status = ended(&mut child);
+        let told = said.lock().unwrap().clone();
+        if LATE.iter().any(|late| told.contains(late)) {
+            continue;
+        }
+        assert_eq!(status, Some(130), "{told}");
+        assert!(!told.contains("nobody says"), "{told}");
+
+        let words = format!(
+            "sleep 0.5; {} {}",
+            env!("CARGO_BIN_EXE_tdcr"),
+            capture.join(" ")
+        );
+        let mut terminal = Command::new("script")
+            .args(["-qec", &words, "/dev/null"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut keyboard = terminal.stdin.take().unwrap();
+        keyboard.write_all(b"\n").unwrap();
+        let said = listen(terminal.stdout.take().unwrap());
+        let asks = || said.lock().unwrap().contains(ASKED).then_some(());
+        let log = out.join("log-2.mcap");
+        if wait_for(&mut terminal, asks).is_some() {
+            sleep(Duration::from_millis(500));
+            assert!(!says_on(&log), "{}", said.lock().unwrap());
+            keyboard.write_all(b"\n").unwrap();
+            let on = wait_for(&mut terminal, || says_on(&log).then_some(()));
+            keyboard.write_all(b"\x03").unwrap();
+            ended(&mut terminal);
+            let told = said.lock().unwrap().clone();
+            if LATE.iter().any(|late| told.contains(late)) {
+                continue;
+            }
+            assert!(on.is_some(), "{told}");
+            return;
+        }
+        let told = said.lock().unwrap().clone();
+        assert!(LATE.iter().any(|late| told.contains(late)), "{told}");
     }
     panic!("servos on a port are never heard in time");
 }

@@ -39,6 +39,7 @@ mod refusals;
 mod release;
 mod render;
 mod resume;
+mod rig_scene;
 mod road;
 mod servo_sim;
 mod settle;

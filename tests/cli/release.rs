@@ -19,9 +19,9 @@ use crate::servo_sim::{LATE, Server, rig_on};
 use crate::{tdcr, text};
 
 /// What a thread reads of a child as it comes.
-type Said = Arc<Mutex<String>>;
+pub(crate) type Said = Arc<Mutex<String>>;
 
-fn listen(mut to: impl Read + Send + 'static) -> Said {
+pub(crate) fn listen(mut to: impl Read + Send + 'static) -> Said {
     let said = Said::default();
     let heard = said.clone();
     thread::spawn(move || {
@@ -42,7 +42,7 @@ pub(crate) fn send(signal: &str, id: u32) {
 }
 
 /// Waits for something of a running command; `None` where that ends first.
-fn wait_for<T>(child: &mut Child, mut found: impl FnMut() -> Option<T>) -> Option<T> {
+pub(crate) fn wait_for<T>(child: &mut Child, mut found: impl FnMut() -> Option<T>) -> Option<T> {
     let began = Instant::now();
     loop {
         if let Some(found) = found() {
@@ -77,7 +77,7 @@ enum Sign {
 }
 
 /// Whether a log that is being written says that motors are on.
-fn says_on(log: &Path) -> bool {
+pub(crate) fn says_on(log: &Path) -> bool {
     let Ok(mut reader) = LogReader::open(log) else {
         return false;
     };

@@ -49,10 +49,8 @@ impl Program {
             rest: rest(&robot, &winches, planner.shaper().modules()),
             seed,
         };
-        if file.scene.is_some() {
-            // Home is where every way begins and ends.
-            planner.stay(&(&draws.rest).into())?;
-        }
+        // Home is where every way begins and ends.
+        planner.require_clear(&(&draws.rest).into())?;
         Ok(Self {
             winches,
             planner,
@@ -63,15 +61,19 @@ impl Program {
 
     /// The same for a robot that carries these loads. Commands that chance draws are such that it could take them under each of
     /// the `others`, too.
-    pub fn carrying(self, loads: Loads, others: &[Loads]) -> Self {
+    ///
+    /// # Errors
+    /// [`PlanError::Near`] for a home that is then too near to an obstacle.
+    pub fn carrying(self, loads: Loads, others: &[Loads]) -> Result<Self, PlanError> {
         let others = others.iter();
-        Self {
-            others: others
-                .map(|loads| self.planner.clone().carrying(loads.clone()))
-                .collect(),
+        let others = others.map(|loads| self.planner.clone().carrying(loads.clone()));
+        let mut loaded = Self {
+            others: others.collect(),
             planner: self.planner.carrying(loads),
             ..self
-        }
+        };
+        (loaded.planner).require_clear(&(&loaded.draws.rest).into())?;
+        Ok(loaded)
     }
 
     /// The home pose: straight, the tendons of each module with the tension at home of its first one.

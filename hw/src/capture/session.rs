@@ -116,7 +116,7 @@ impl<'a> Session<'a> {
         go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<Self, CaptureError> {
         let program = Program::new(rig.file(), settings.seed)?
-            .carrying(settings.loads.clone(), &settings.other_loads);
+            .carrying(settings.loads.clone(), &settings.other_loads)?;
         let fuser = Fuser {
             grid: VoxelGrid::new(settings.voxel_size),
             masker: rig.masker()?,

@@ -1,6 +1,5 @@
 //! Keeping clear of obstacles.
 
-use nalgebra::Vector3;
 use tdcr_sim::geometry::Beads;
 use tdcr_sim::pose::Pose;
 use tdcr_sim::robot::Robot;
@@ -39,7 +38,8 @@ impl KeptClear {
             return Ok(());
         };
         let distance = nearest.gap - self.beads.shape_error();
-        if distance >= self.clearance + 0.5 * LOOK_EVERY {
+        let least = self.clearance + 0.5 * LOOK_EVERY;
+        if distance >= least {
             return Ok(());
         }
         Err(PlanError::Near {
@@ -47,16 +47,9 @@ impl KeptClear {
             disc: nearest.disc,
             distance,
             part,
-            clearance: self.clearance,
+            least,
         })
     }
-}
-
-/// How many parts (at least 1) a way has in each of which no disc moves farther than [`LOOK_EVERY`], by where discs are at its ends.
-pub(super) fn parts(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> usize {
-    let moved = from.iter().zip(to).map(|(a, b)| (a - b).norm());
-    let farthest = moved.fold(0.0, f64::max);
-    (farthest / LOOK_EVERY).ceil().max(1.0) as usize
 }
 
 #[cfg(test)]

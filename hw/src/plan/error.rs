@@ -49,9 +49,8 @@ pub enum PlanError {
     },
     /// A disc would come too near to an obstacle.
     #[error(
-        "disc {disc} would be {:.1} mm from the obstacle `{obstacle}`, {} of the way; expected {:.1} mm and 1 mm for what lies between \
-         two looks",
-        1e3 * distance, percent(*.part), 1e3 * clearance
+        "disc {disc} would be {:.1} mm from the obstacle `{obstacle}`, {} of the way; expected {:.1} mm or more",
+        1e3 * distance, percent(*.part), 1e3 * least
     )]
     Near {
         /// Name of the obstacle.
@@ -62,8 +61,14 @@ pub enum PlanError {
         distance: f64,
         /// Where on the way, from 0 to 1.
         part: f64,
-        /// The clearance asked for (m).
-        clearance: f64,
+        /// What it has to be (m): the clearance asked for, and what a disc may come nearer between two looks.
+        least: f64,
+    },
+    /// A disc moves too far at once to say what it comes near to.
+    #[error("a disc of the simulated robot jumps, {} of the way, past obstacles or not", percent(*.part))]
+    Jump {
+        /// Where on the way, from 0 to 1.
+        part: f64,
     },
     /// The simulator finds no equilibrium.
     #[error("the simulated robot does not settle, {} of the way", percent(*.part))]

@@ -1,15 +1,19 @@
 //! From one shape to another, past slack and overload.
 
+use nalgebra::Vector3;
 use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::scene::Scene;
 use tdcr_sim::statics::Settler;
 
-use super::clear::{KeptClear, parts};
+use super::clear::{KeptClear, LOOK_EVERY};
 use super::error::{LONGEST, PlanError};
 use super::shape::{Place, Shape, Shaper};
 
 /// Distance along a path (m, of the tendon that moves the most) at which tensions are asked of the simulator.
 const CHECK_EVERY: f64 = 5e-4;
+
+/// Most halvings of a step in search of how a disc moves past obstacles: what is a millimetre of tendon is then a micrometre.
+const HALVINGS: usize = 10;
 
 /// Leads from shape to shape.
 #[derive(Clone, Debug)]
@@ -127,14 +131,20 @@ impl Planner {
         }
     }
 
-    /// Refuses a place that is too near to an obstacle, or where tensions are out of bounds.
+    /// Refuses a place that is too near to an obstacle.
     ///
     /// # Errors
-    /// [`PlanError`].
-    pub fn stay(&mut self, place: &Place) -> Result<(), PlanError> {
+    /// [`PlanError::Near`]; as [`tensions`](Self::tensions).
+    pub fn require_clear(&mut self, place: &Place) -> Result<(), PlanError> {
         let command = self.command_at(place)?;
-        self.settler.settle(&command, &self.loads);
-        self.check(&command, 0.0)
+        let Some(clear) = &self.clear else {
+            return Ok(());
+        };
+        let settled = self.settler.settle(&command, &self.loads);
+        match settled.converged {
+            true => clear.check(settled.pose(), 0.0),
+            false => Err(PlanError::NotSettled { part: 0.0 }),
+        }
     }
 
     /// Commands from `from` (not included) to `to`, on the straight line of bends and tensions, no tendon moving by more than
@@ -234,30 +244,46 @@ impl Planner {
         Ok(path)
     }
 
-    /// Refuses a command as [`check`](Self::check), and a way to it from the last one on which a disc comes too near to an obstacle.
+    /// Refuses a command as [`check`](Self::check), and a way to it from the last one, where the robot is, on which a disc comes too
+    /// near to an obstacle.
     fn check_way(&mut self, last: &Command, command: &Command, part: f64) -> Result<(), PlanError> {
-        if self.clear.is_none() {
-            return self.check(command, part);
-        }
         let from = self.settler.equilibrium().positions.to_vec();
         self.check(command, part)?;
-        let between = parts(&from, &self.settler.equilibrium().positions);
-        // Back to the last one, and to the command again.
-        for step in (1..between).rev() {
-            let share = step as f64 / between as f64;
-            let values = last.as_slice().iter().zip(command.as_slice());
-            let values: Vec<f64> = values.map(|(a, b)| a + share * (b - a)).collect();
-            let command = self.robot().command(&values)?;
-            self.check(&command, part)?;
-        }
-        if between > 1 {
+        if self.clear.is_some() {
+            let to = self.settler.equilibrium().positions.to_vec();
+            self.look_between([(last, &from), (command, &to)], part, HALVINGS)?;
             self.settler.follow(command, &self.loads);
         }
         Ok(())
     }
 
-    /// Refuses a command under which the simulator finds a tendon slack or overloaded, or a disc too near to an obstacle. The robot is followed from where it was
-    /// last asked for.
+    /// Looks at the commands between two, whose discs' origins are known (m), until none of the discs moves farther than
+    /// [`LOOK_EVERY`] from one to the next.
+    fn look_between(
+        &mut self,
+        ends: [(&Command, &[Vector3<f64>]); 2],
+        part: f64,
+        halvings: usize,
+    ) -> Result<(), PlanError> {
+        let [(from, here), (to, there)] = ends;
+        let moved = here.iter().zip(there).map(|(a, b)| (a - b).norm());
+        if moved.fold(0.0, f64::max) <= LOOK_EVERY {
+            return Ok(());
+        }
+        let Some(halvings) = halvings.checked_sub(1) else {
+            return Err(PlanError::Jump { part });
+        };
+        let values = from.as_slice().iter().zip(to.as_slice());
+        let values: Vec<f64> = values.map(|(a, b)| 0.5 * (a + b)).collect();
+        let middle = self.robot().command(&values)?;
+        self.check(&middle, part)?;
+        let between = self.settler.equilibrium().positions.to_vec();
+        self.look_between([ends[0], (&middle, &between)], part, halvings)?;
+        self.look_between([(&middle, &between), ends[1]], part, halvings)
+    }
+
+    /// Refuses a command under which the simulator finds a tendon slack or overloaded, or a disc too near to an obstacle. The robot
+    /// is followed from where it was last asked for.
     fn check(&mut self, command: &Command, part: f64) -> Result<(), PlanError> {
         let settled = self.settler.follow(command, &self.loads);
         if !settled.converged {

@@ -195,18 +195,22 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Sees to it that the payload of a part hangs at the tip of the rig, which is released.
-    fn hang(&self, rig: &Rig, part: usize) -> Result<(), CaptureStop> {
+    /// Releases the rig, and sees to it that the payload of a part hangs at its tip.
+    fn hang(&self, rig: &mut Rig, part: usize) -> Result<(), PipelineError> {
         let Some(payload) = self.settings.payload_in(part) else {
             return Ok(());
         };
+        if rig.is_engaged() {
+            rig.release().map_err(CaptureError::from)?;
+        }
         if let Some(simulator) = rig.simulator() {
-            let (loads, _) = self.settings.loads_in(part)?;
-            return Ok(simulator.set_loads(loads)?);
+            let (loads, _) = self.settings.loads_in(part).map_err(CaptureStop::from)?;
+            return Ok(simulator.set_loads(loads).map_err(CaptureStop::from)?);
         }
         match self.monitor.hang(payload) {
             true => Ok(()),
-            false => Err(CaptureStop::NotHung { payload }),
+            false if self.monitor.interrupted() => Err(PipelineError::Interrupted),
+            false => Err(CaptureStop::NotHung { payload }.into()),
         }
     }
 

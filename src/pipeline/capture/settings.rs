@@ -131,7 +131,10 @@ impl CaptureSettings {
     /// As [`Program::new`], and [`loads_in`](Self::loads_in).
     pub fn program(&self, file: &RigFile, part: usize) -> Result<Program, CaptureStop> {
         let (loads, others) = self.loads_in(part)?;
-        Ok(Program::new(file, self.seed)?.carrying(loads, &others))
+        let program = Program::new(file, self.seed)?;
+        Ok(program
+            .carrying(loads, &others)
+            .map_err(CaptureError::from)?)
     }
 
     /// Number of commands after which they come again; `None` where each is captured once.

@@ -117,6 +117,15 @@ def test_payloads_are_hung_one_after_another(small: Path, tmp_path: Path) -> Non
 
     with pytest.raises(OSError, match=r"no 0\.1 kg"):
         tdcr.Rig(recorded).capture(tmp_path / "raised", **options, log=False, hang=refuse)
+    rig = tdcr.Rig(recorded)
+
+    def look(payload: float) -> None:
+        rig.state()
+
+    # Who hangs it would wait for himself.
+    with pytest.raises(tdcr.errors.RigError, match="waits for hang to return"):
+        rig.capture(tmp_path / "looked", **options, log=False, hang=look)
+    assert (rig.slew, rig.period) == (0.02, 0.05)
     again = tdcr.Rig(recorded).capture(tmp_path / "again", **options, log=False, hang=asked.append)
     assert asked == [0.1, 0.3] and again.captured == 4
     for payloads, reason in [([0.1, 0.1], "0.1 kg twice"), ([0.0], "0 kg alone"), ([-1.0], "-1 kg"), ([[0.1]], "shape")]:

@@ -29,8 +29,6 @@ class TdcrRobot(Robot):
         self.config = config
         self._file = tomllib.loads(config.rig.read_text(encoding="utf-8"))
         self._rig: tdcr.Rig | None = None
-        motion = {"slew": 0.02, "period": 0.05} | self._file.get("motion", {})
-        self._farthest = motion["slew"] * motion["period"]
         self._tendons = [f"tendon{tendon}" for tendon in range(len(self._file["servos"]["ids"]))]
 
     @property
@@ -94,7 +92,8 @@ class TdcrRobot(Robot):
         rig = self._connected()
         wanted = np.array([float(action[f"{tendon}.pos"]) for tendon in self._tendons])
         at = np.array(rig.commanded)
-        sent = at + np.clip(wanted - at, -self._farthest, self._farthest)
+        farthest = rig.slew * rig.period
+        sent = at + np.clip(wanted - at, -farthest, farthest)
         rig.step(sent)
         return {f"{tendon}.pos": float(value) for tendon, value in zip(self._tendons, sent, strict=True)}
 

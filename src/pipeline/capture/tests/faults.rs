@@ -315,3 +315,26 @@ fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
         assert_eq!(commands(&dir).len(), 14, "{fault}");
     }
 }
+
+#[test]
+fn a_rig_is_released_before_a_payload_is_hung() {
+    let mut rig = rig();
+    let folder = tempfile::tempdir().unwrap();
+    let settings = CaptureSettings {
+        payloads: vec![0.1],
+        ..settings(1)
+    };
+    let collector = Collector::open(folder.path(), &settings.meta(&rig)).unwrap();
+    let (journal, _) = Journal::open::<Entry>(&folder.path().join(JOURNAL), &json!({})).unwrap();
+    let work = Work {
+        settings: &settings,
+        collector: &collector,
+        journal: &journal,
+        report: &mut CaptureReport::default(),
+        repeats: &mut Repeats::new(&settings),
+        monitor: &Silent,
+    };
+    rig.engage().unwrap();
+    work.hang(&mut rig, 0).unwrap();
+    assert!(!rig.is_engaged());
+}
