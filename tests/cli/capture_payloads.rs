@@ -234,7 +234,8 @@ fn an_enter_from_before_the_question_is_no_answer_and_neither_is_ctrl_c() {
         let asks = || said.lock().unwrap().contains(ASKED).then_some(());
         let log = out.join("log-2.mcap");
         if wait_for(&mut terminal, asks).is_some() {
-            sleep(Duration::from_millis(500));
+            // What an answer takes to switch the motors on.
+            sleep(Duration::from_secs(2));
             assert!(!says_on(&log), "{}", said.lock().unwrap());
             keyboard.write_all(b"\n").unwrap();
             let on = wait_for(&mut terminal, || says_on(&log).then_some(()));

@@ -58,6 +58,7 @@ mod tests {
 
     use std::path::Path;
 
+    use nalgebra::Vector3;
     use tdcr_sim::robot::{Command, Loads};
     use tdcr_sim::statics::Settler;
 
@@ -69,6 +70,17 @@ mod tests {
 
     /// The example's rig beside a wall, so far from its axis (m).
     fn beside_a_wall(away: f64, clearance: f64) -> Result<RigFile, RigError> {
+        let shape = "box = { size = [0.02, 2.0, 2.0] }";
+        beside(shape, [away + 0.01, 0.0, 0.0], clearance, 0.02)
+    }
+
+    /// The example's rig beside a wall of some shape and place (m), with a slew (m/s).
+    fn beside(
+        shape: &str,
+        position: [f64; 3],
+        clearance: f64,
+        slew: f64,
+    ) -> Result<RigFile, RigError> {
         let folder = tempfile::tempdir().unwrap();
         let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples");
         std::fs::copy(
@@ -76,14 +88,12 @@ mod tests {
             folder.path().join("paper-robot.toml"),
         )
         .unwrap();
-        let wall = format!(
-            "[[obstacle]]\nname = \"wall\"\nbox = {{ size = [0.02, 2.0, 2.0] }}\nposition = [{}, 0.0, 0.0]\n",
-            away + 0.01
-        );
+        let wall = format!("[[obstacle]]\nname = \"wall\"\n{shape}\nposition = {position:?}\n");
         std::fs::write(folder.path().join("wall.toml"), wall).unwrap();
         let rig = std::fs::read_to_string(examples.join("rig-sim.toml")).unwrap();
         let scene = format!("[scene]\nfile = \"wall.toml\"\nclearance = {clearance}\n\n[motion]");
         let rig = rig.replacen("[motion]", &scene, 1);
+        let rig = rig.replace("slew = 0.02", &format!("slew = {slew}"));
         RigFile::parse(&rig, &folder.path().join("rig.toml"))
     }
 
@@ -157,5 +167,66 @@ mod tests {
             assert!(told.contains("scene.clearance is"), "{told}");
             assert!(told.contains("a distance of 0 or more"), "{told}");
         }
+    }
+
+    /// A ball beside the tip's way, which is too near to it between the last two commands of quick servos, and at none of them.
+    #[test]
+    fn what_lies_between_the_commands_of_a_way_is_seen() {
+        const SLEW: f64 = 0.06;
+        let ball = |at: Vector3<f64>| {
+            let shape = "sphere = { radius = 0.002 }";
+            beside(shape, at.into(), CLEARANCE, SLEW).unwrap()
+        };
+        let mut free = ball(Vector3::new(1.0, 1.0, 1.0));
+        free.scene = None;
+        let robot = free.compile().unwrap();
+        let beads = Beads::new(&robot);
+        let gap = |file: &RigFile, values: &[f64]| {
+            let settled = robot.settle(&robot.command(values).unwrap(), &Loads::default());
+            let pose = settled.pose();
+            let discs = (0..pose.positions.len()).map(|disc| pose.disc(disc));
+            let scene = file.scene.as_ref().unwrap();
+            scene.nearest(&beads, discs).unwrap().gap - beads.shape_error()
+        };
+        let tip = |values: &[f64]| {
+            let settled = robot.settle(&robot.command(values).unwrap(), &Loads::default());
+            let end = settled.positions.len() - 1;
+            (
+                settled.positions[end],
+                settled.positions[end] - settled.positions[end - 1],
+            )
+        };
+        let mut program = Program::new(&free, 3).unwrap();
+        let home = program.command_at(&program.rest().into()).unwrap();
+        let mut seen = 0;
+        for index in 0..12 {
+            let to = program.draw(index).unwrap().command;
+            let mut way = program.path(home.clone(), to.clone()).unwrap();
+            way.insert(0, home.clone());
+            let [.., before, last] = way.as_slice() else {
+                panic!("a way of no step")
+            };
+            let values = before.as_slice().iter().zip(last.as_slice());
+            let between: Vec<f64> = values.map(|(a, b)| 0.5 * (a + b)).collect();
+            // Across the way, a little too near to where the tip is half-way.
+            let motion = (tip(last.as_slice()).0 - tip(before.as_slice()).0).normalize();
+            let (at, axis) = tip(&between);
+            let across = (axis - axis.dot(&motion) * motion).normalize();
+            let far = 0.1;
+            let away = far - gap(&ball(at + far * across), &between);
+            let file = ball(at + (away + CLEARANCE + 0.4 * LOOK_EVERY) * across);
+            let least = CLEARANCE + 0.5 * LOOK_EVERY;
+            let clear_at_each = way.iter().all(|at| gap(&file, at.as_slice()) >= least);
+            if gap(&file, &between) >= least || !clear_at_each {
+                continue;
+            }
+            let refused = Program::new(&file, 3).unwrap().given(to.as_slice());
+            assert!(
+                matches!(refused, Err(PlanError::Near { .. })),
+                "{refused:?}"
+            );
+            seen += 1;
+        }
+        assert!(seen > 0, "no step is long enough");
     }
 }
