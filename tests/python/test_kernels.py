@@ -72,14 +72,22 @@ def train(data, run, net, precision, processor=None):
     return json.loads(done.stdout), {name: [float(row[name]) for row in log if row[name]] for name in columns}
 
 
-@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-@pytest.mark.parametrize("net", ["mlp", "hybrid"])
-def test_every_processors_kernels_give_the_same_training_curve(data, tmp_path, net, precision):
+# The kernels are the same for both networks; of the Hybrid, which takes an emulator longest, each processor runs one precision.
+@pytest.mark.parametrize(
+    ("net", "precision", "processors"),
+    [
+        ("mlp", "float32", ["max", "Nehalem"]),
+        ("mlp", "bfloat16", ["max", "Nehalem"]),
+        ("hybrid", "float32", ["Nehalem"]),
+        ("hybrid", "bfloat16", ["max"]),
+    ],
+)
+def test_every_processors_kernels_give_the_same_training_curve(data, tmp_path, net, precision, processors):
     result, curve = train(data, tmp_path / "own", net, precision)
     assert len(curve["loss"]) == 2 and curve["loss"][1] < 0.9 * curve["loss"][0]
     assert result["vector_lanes"] in (1, 8, 16)
-    for processor, lanes in PROCESSORS.items():
+    for processor in processors:
         result, other = train(data, tmp_path / processor, net, precision, processor)
-        assert result["vector_lanes"] == lanes, processor
+        assert result["vector_lanes"] == PROCESSORS[processor], processor
         for name, tolerance in TOLERANCES[precision].items():
             np.testing.assert_allclose(other[name], curve[name], rtol=tolerance, err_msg=f"{processor}: {name}")
