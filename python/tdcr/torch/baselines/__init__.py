@@ -11,5 +11,6 @@ from tdcr.torch.baselines._method import Method, Settings, Training
 from tdcr.torch.baselines._model import BaselineModel, write_predictions
 from tdcr.torch.baselines._registry import METHODS, method
 from tdcr.torch.baselines._run import Run
+from tdcr.torch.baselines.captured import Pictures
 
-__all__ = ["METHODS", "BaselineModel", "Method", "Run", "Settings", "Training", "method", "write_predictions"]
+__all__ = ["METHODS", "BaselineModel", "Method", "Pictures", "Run", "Settings", "Training", "method", "write_predictions"]

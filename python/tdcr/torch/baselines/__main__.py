@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from tdcr.data import SPLITS
+from tdcr.errors import InputError
 from tdcr.torch.baselines._method import Settings
 from tdcr.torch.baselines._model import FILE, BaselineModel, write_predictions
 from tdcr.torch.baselines._registry import METHODS, method
 from tdcr.torch.baselines._run import Run
+from tdcr.torch.baselines.captured import Pictures
 from tdcr.torch.ranks import distributed
 from tdcr.torch.train import SECONDS_PER_LINE, Progress, exit_status, stopped_by_signals
 
@@ -62,6 +64,18 @@ def parser() -> argparse.ArgumentParser:
         for option, (metavar, text, kind) in OPTIONS.items():
             choices = ("float32", "tf32", "bfloat16") if option == "precision" else None
             one.add_argument(f"--{option.replace('_', '-')}", type=kind, metavar=metavar, help=text, choices=choices)
+        one.add_argument(
+            "--masks",
+            type=Path,
+            metavar="DIR",
+            help="masks of a captured set's frames, for a method that learns from pictures: camera0/000000.png ...",
+        )
+        one.add_argument(
+            "--frames",
+            type=Path,
+            metavar="DIR",
+            help="the frames, as `tdcr log pictures` writes them, for one that learns colours",
+        )
     predict = commands.add_parser("predict", help="predict the commands of a split")
     predict.add_argument("--model", type=Path, required=True, metavar="RUN", help="folder of a run, or its model.safetensors")
     predict.add_argument("--data", type=Path, default=Path("data"), metavar="DIR", help="folder of the data set")
@@ -119,11 +133,14 @@ def train(args: argparse.Namespace) -> None:
         if args.minutes is None and args.steps is None:
             given["minutes"] = MINUTES
         settings = Settings(**(kind.defaults(device) | given))
+        if args.frames is not None and args.masks is None:
+            raise InputError("--frames without --masks: what of a frame is the robot is not known")
         run = Run(
             kind,
             args.data,
             args.out,
             settings,
+            pictures=None if args.masks is None else Pictures(args.masks, args.frames),
             device=device,
             monitor=monitor,
             tell=monitor.note,

@@ -16,6 +16,8 @@ import torch
 from torch import Tensor, nn
 
 from tdcr.errors import InputError, MissingPackageError
+from tdcr.torch.baselines.captured import Pictures
+from tdcr.torch.baselines.views import Views
 from tdcr.torch.data import CloudSet
 
 #: Operand type of matrix products: float32, float32 rounded to TF32, which GPUs alone have, or bfloat16 by autocast.
@@ -80,11 +82,21 @@ class Training:
     device: torch.device
     #: Is told what is being prepared before the first step, in words.
     tell: Callable[[str], None]
+    #: Pictures that cameras took, in place of rendered ones.
+    pictures: Pictures | None = None
 
     @property
     def scale(self) -> float:
         """Length that points are divided by (m)."""
         return float(self.clouds.provenance["normalisation"]["scale"])
+
+    def views(self) -> Views:
+        """Pictures of the training split, on the device."""
+        if self.pictures is not None:
+            self.tell("reads the pictures of the training split")
+            return self.pictures.read(self.folder).to(self.device)
+        self.tell("renders the pictures of the training split")
+        return Views.render(self.folder).to(self.device)
 
     def draw(self, numbers: torch.Generator) -> tuple[Tensor, Tensor]:
         """Clouds (B,) of a step and points (B, N) of each, drawn with replacement."""
@@ -102,6 +114,8 @@ class Method(nn.Module, ABC):
 
     #: Its name on the command line and in files.
     name: ClassVar[str]
+    #: What a step is taken from.
+    learns_from: ClassVar[Literal["clouds", "masks", "colours"]] = "clouds"
 
     @classmethod
     @abstractmethod

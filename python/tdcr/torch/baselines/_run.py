@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from tdcr.errors import InputError, TrainError
 from tdcr.torch.baselines._method import Method, Settings, Training
 from tdcr.torch.baselines._model import FILE, BaselineModel
+from tdcr.torch.baselines.captured import Pictures
 from tdcr.torch.batch import STEP, VALIDATION, chamfer, generator
 from tdcr.torch.data import CloudSet
 from tdcr.torch.files import locked
@@ -29,6 +30,16 @@ from tdcr.torch.trainer import Diverged, Interrupted, Monitor, to_cpu
 
 #: Seconds after which losses are read, interruptions noticed and the clock is looked at, where steps take long.
 SECONDS_PER_LOOK = 2.0
+
+
+def refuse_pictures(kind: type[Method], pictures: Pictures) -> None:
+    """Refuses pictures that a method does not learn from, and none of what it learns from."""
+    if kind.learns_from == "clouds":
+        raise InputError(f"{kind.name} learns from clouds, expected no masks and frames")
+    if kind.learns_from == "masks" and pictures.frames is not None:
+        raise InputError(f"{kind.name} learns from masks alone, expected no frames")
+    if kind.learns_from == "colours" and pictures.frames is None:
+        raise InputError(f"{kind.name} learns from colours too, expected the frames beside their masks")
 
 
 @dataclass
@@ -55,12 +66,14 @@ class Run:
         out: str | Path,
         settings: Settings,
         *,
+        pictures: Pictures | None = None,
         device: torch.device | str = "cpu",
         monitor: Monitor | None = None,
         tell: Callable[[str], None] = lambda text: None,
         interrupted: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Reads the data set. `interrupted` is asked every ten steps, or every two seconds where steps take long.
+        """Reads the data set. `pictures` are of its samples, for a method that learns from them, in place of rendered ones.
+        `interrupted` is asked every ten steps, or every two seconds where steps take long.
 
         Raises:
             tdcr.errors.TdcrError: for whatever is wrong with the data set.
@@ -70,6 +83,8 @@ class Run:
         self.monitor, self.interrupted = monitor, interrupted
         if settings.precision == "tf32" and self.device.type != "cuda":
             raise InputError("precision is 'tf32', which a GPU alone has; expected 'float32' or 'bfloat16'")
+        if pictures is not None:
+            refuse_pictures(kind, pictures)
         training, validation = (CloudSet.read(folder, split) for split in ("train", "val"))
         self.identity = json.loads(
             json.dumps(
@@ -77,11 +92,12 @@ class Run:
                     "method": kind.name,
                     "settings": asdict(settings),
                     "data": [training.fingerprint(), validation.fingerprint()],
+                    **({} if pictures is None else {"pictures": pictures.fingerprint()}),
                 }
             )
         )
         self.validation = validation.to(self.device)
-        self.training = Training(Path(folder), training.to(self.device), settings, self.device, tell)
+        self.training = Training(Path(folder), training.to(self.device), settings, self.device, tell, pictures)
         self.step, self.history, self.rates = 0, History(), list[float]()
         self.best: Best | None = None
         self.best_shape: dict[str, Any] | None = None

@@ -74,6 +74,7 @@ class Ffksm(Method):
     """Density and visibility of space under a command, learned from masks."""
 
     name: ClassVar[str] = "ffksm"
+    learns_from = "masks"
     low: Tensor
     high: Tensor
 
@@ -110,10 +111,8 @@ class Ffksm(Method):
         return self.sizes
 
     def prepare(self, training: Training) -> None:
-        """Renders the masks, and finds the pixels that see the workspace."""
-        training.tell("renders the masks of the training split")
-        self.views = Views.render(training.folder).to(self.device)
-        self.look_at(self.views)
+        """Takes the masks, and finds the pixels that see the workspace."""
+        self.look_at(training.views())
 
     def look_at(self, views: Views) -> None:
         """Takes these pictures for training.

@@ -87,6 +87,7 @@ class Splat(Method):
     """Gaussians that bones carry."""
 
     name: ClassVar[str] = "splat"
+    learns_from = "colours"
     bone_centres: Tensor
     bone_factors: Tensor
     neighbours: Tensor
@@ -137,8 +138,7 @@ class Splat(Method):
         """Gaussians fitted to the training sample whose command is the nearest to the middle, and bones at rest."""
         clouds = training.clouds
         canonical = int((clouds.conditions - 0.5).square().sum(dim=-1).argmin())
-        training.tell("renders the pictures of the training split")
-        views = Views.render(training.folder).to(training.device)
+        views = training.views()
         method = cls(clouds.condition_dim, min(COUNT, clouds.points_per_cloud), len(views.cameras), views.cameras.size[0])
         method = method.to(training.device)
         method.look_at(views)
@@ -154,10 +154,9 @@ class Splat(Method):
         return self.sizes
 
     def prepare(self, training: Training) -> None:
-        """Renders the pictures."""
+        """Takes the pictures."""
         if self.views is None:
-            training.tell("renders the pictures of the training split")
-            self.views = Views.render(training.folder).to(self.device)
+            self.views = training.views()
 
     def look_at(self, views: Views) -> None:
         """Takes these pictures for training, and their cameras for predictions."""

@@ -7,6 +7,8 @@ pixel (column u, row v) is the direction ((u - cx) / fx, (v - cy) / fy, 1).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -83,7 +85,7 @@ class Views:
         if data.robot is None or data._subject is None:
             raise DataError(
                 f"{folder}: its samples were not simulated, so there is no recipe to render pictures and masks from, and it "
-                "holds none; expected a data set of `tdcr collect`"
+                "holds none; expected a data set of `tdcr collect`, or masks of a captured one's pictures"
             )
         robot = with_pictures(data.robot, size)
         conditions = data.split(split).conditions[:samples].astype(np.float64)
@@ -103,15 +105,20 @@ class Views:
 
         with ThreadPoolExecutor(threads()) as pool:
             found = list(pool.map(compact, range(len(commands))))
-        bits = np.stack([row[0] for row in found])
-        most = max(1, max(len(pixels) for row in found for pixels in row[1]))
-        pixels = np.full((*bits.shape[:2], most), size * size, np.int32)
+        first = vision.render(robot, settled.configuration[0], base=base)
+        return cls.of_rows(found, of_views(first, data.normalisation.scale))
+
+    @classmethod
+    def of_rows(cls, rows: Sequence[tuple[Any, Any, Any]], cameras: Cameras) -> Self:
+        """From each sample's packed masks (V, P / 8 rounded up), and its list for each camera of the pixels that show the robot
+        (F,) and of their colours (F, 3)."""
+        bits = np.stack([row[0] for row in rows])
+        most = max(1, max(len(pixels) for row in rows for pixels in row[1]))
+        pixels = np.full((*bits.shape[:2], most), math.prod(cameras.size), np.int32)
         colors = np.zeros((*bits.shape[:2], most, 3), np.uint8)
-        for place, row in enumerate(found):
+        for place, row in enumerate(rows):
             for camera, (shown, rgb) in enumerate(zip(row[1], row[2], strict=True)):
                 pixels[place, camera, : len(shown)], colors[place, camera, : len(shown)] = shown, rgb
-        first = vision.render(robot, settled.configuration[0], base=base)
-        cameras = of_views(first, data.normalisation.scale)
         return cls(cameras, torch.from_numpy(bits), torch.from_numpy(pixels), torch.from_numpy(colors))
 
     def __len__(self) -> int:
