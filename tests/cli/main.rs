@@ -6,6 +6,7 @@ mod calibrate;
 mod calibrate_cameras;
 mod calibrate_clouds;
 mod calibrate_priors;
+mod calibrate_tentacle;
 mod calibrate_wild;
 mod capture;
 mod capture_given;
