@@ -130,3 +130,38 @@ def test_a_real_robot_is_calibrated_with_a_page(tmp_path: Path) -> None:
     assert "Calibration of opencr" in (tmp_path / "real_robot.html").read_text(encoding="utf-8")
     # The robot file is one that everything else reads.
     assert len(tdcr.Robot(str(tmp_path / "calibrated.toml")).mean_command) == 9
+
+
+def test_robots_of_others_are_where_their_page_says(tmp_path: Path) -> None:
+    run("beside_others", tmp_path)
+    found = read_json(tmp_path / "beside_others.json")
+    # 15.8 mm is published for three parameters on these poses, and 7.9 for a network on the two that it did not see.
+    assert found["tentacle"]["all_mean_mm"] < 11.5 and found["tentacle"]["held_out_mean_mm"] < 10.0
+    column = found["column"]
+    rates = {name: facts["growth"] for name, facts in column.items()}
+    assert rates["SoRoMoX"] == pytest.approx(2.55, abs=0.01) and rates["PyElastica"] == pytest.approx(2.68, abs=0.01)
+    assert rates["tdcr"] == pytest.approx(2.73, abs=0.01)
+    # What tells it from PyElastica is the clamped element.
+    held, elastica = column["tdcr, first element rigid"], column["PyElastica"]
+    assert rates["tdcr, first element rigid"] == pytest.approx(rates["PyElastica"], abs=0.01)
+    assert held["lowest_at"] == pytest.approx(elastica["lowest_at"], abs=0.01)
+    assert column["tdcr"]["lowest"] < held["lowest"]
+    helical = found["helical"]
+    # On release it is less bent, with friction and as measured, by as much.
+    assert all(facts["mean_mm"] < -0.4 for facts in helical.values())
+    measured = [helical[run]["share"] for run in ("T1", "T2")]
+    assert min(measured) < helical["friction 0.2"]["share"] < max(measured)
+
+
+def test_the_tentacle_has_one_equilibrium_at_each_tension_however_it_is_reached() -> None:
+    robot = tdcr.Robot(EXAMPLES.parent / "soromox_tentacle/robot.toml").to_dict()
+    for stiffness in (1.0, 0.3151 / 0.505):
+        for module in robot["modules"]:
+            module["backbone"]["bending"] = [stiffness * b for b in module["backbone"]["bending"]]
+        tensions = np.outer(np.linspace(0.0, 8.0, 81), [1.0, 0.0])
+        native = tdcr.Robot.from_json(json.dumps(robot))
+        up, down = tdcr.follow(native, tensions), tdcr.follow(native, tensions[::-1])
+        cold = tdcr.settle_batch(native, tensions)
+        assert up.converged.all() and down.converged.all() and cold.converged.all()
+        np.testing.assert_allclose(up.tips, down.tips[::-1], atol=1e-6)
+        np.testing.assert_allclose(up.tips, cold.tips, atol=1e-6)
