@@ -214,6 +214,15 @@ impl Tendon {
         if stretch < 0.0 && self.pull == Pull::TensionOnly {
             return TendonState::default();
         }
+        let elastic = self.stretched(stretch);
+        match self.servo.largest_force {
+            Some(force) if elastic.tension.abs() > force => self.saturated(stretch, force),
+            _ => elastic,
+        }
+    }
+
+    /// The tendon at a stretch (m), its servo strong enough.
+    fn stretched(&self, stretch: f64) -> TendonState {
         let stiffness = self.spring();
         let growth = self.stiffening * stretch.max(0.0);
         TendonState {
@@ -222,11 +231,24 @@ impl Tendon {
             stiffness: stiffness * (1.0 + 2.0 * growth),
         }
     }
+
+    /// The tendon at a stretch (m) at which its servo gives way: it holds `force` (N), pulling or pushing.
+    fn saturated(&self, stretch: f64, force: f64) -> TendonState {
+        let (limit, tension) = match stretch > 0.0 {
+            true => (self.stretch_under(force), force),
+            false => (-force / self.spring(), -force),
+        };
+        TendonState {
+            energy: self.stretched(limit).energy + tension * (stretch - limit),
+            tension,
+            stiffness: 0.0,
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::robot::{Drive, Pull, Robot, RobotSpec};
+    use crate::robot::{Drive, Pull, Robot, RobotSpec, ServoSpec};
 
     #[test]
     fn a_tendon_that_stiffens_pulls_by_the_slopes_of_its_energy() {
@@ -251,5 +273,30 @@ mod tests {
             assert!((tendon.stretch_under(here.tension) - stretch).abs() < 1e-12);
         }
         assert_eq!(tendon.state(rest - 1e-3, rest).tension, 0.0);
+    }
+
+    #[test]
+    fn a_servo_gives_way_at_its_largest_force_and_its_energy_goes_on_smoothly() {
+        let mut spec = RobotSpec::standard("2m").expect("a standard robot");
+        for tendons in spec.modules.iter_mut().filter_map(|m| m.tendons.as_mut()) {
+            tendons.drive = Drive::Gain(2000.0);
+            tendons.stiffening = 250.0;
+            tendons.servo = Some(ServoSpec {
+                largest_force: Some(6.0),
+                ..ServoSpec::default()
+            });
+        }
+        let robot = Robot::new(spec).expect("a valid robot");
+        let tendon = &robot.tendons()[0];
+        let (rest, h) = (0.05, 1e-6);
+        for (stretch, tension) in [(0.01, 6.0), (-0.01, -6.0), (-0.001, -2.0)] {
+            let at = |by: f64| tendon.state(rest + stretch + by, rest);
+            assert!((at(0.0).tension - tension).abs() < 1e-12);
+            let slope = (at(h).energy - at(-h).energy) / (2.0 * h);
+            assert!((slope - tension).abs() < 1e-6, "{slope}");
+        }
+        let limit = tendon.stretch_under(6.0);
+        let energy = |by: f64| tendon.state(rest + limit + by, rest).energy;
+        assert!((energy(1e-9) - energy(-1e-9)).abs() < 2e-8);
     }
 }

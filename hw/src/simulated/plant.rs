@@ -296,6 +296,8 @@ fn driven_by_spools(setup: &PlantSetup) -> Result<Robot, PlantError> {
         tendon.axial_stiffness = None;
         // The lines at the spools are springs.
         tendon.stiffening = 0.0;
+        // The simulated servos have a motion and limits of their own.
+        tendon.servo = None;
         tendon.range = REACH;
         tendon.pull = Pull::TensionOnly;
         if let Physics::WithFriction { coefficient } = setup.physics {

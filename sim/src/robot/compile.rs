@@ -270,6 +270,7 @@ fn tendon(spec: &TendonSpec, route: Vec<Waypoint>) -> Tendon {
         stiffness,
         stiffening: spec.stiffening,
         friction: spec.friction,
+        servo: spec.servo.unwrap_or_default(),
         route,
         fixed_length: 0.0,
     }

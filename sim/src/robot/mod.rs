@@ -45,7 +45,7 @@ pub use quantity::{Quantity, Values};
 pub use spec::{BaseSpec, ModuleSpec, RobotSpec, Routing};
 pub use spec_error::SpecError;
 pub(crate) use tendon_spec::joints_along;
-pub use tendon_spec::{Body, Drive, Friction, Pull, RouteSpec, TendonSpec, Waypoint};
+pub use tendon_spec::{Body, Drive, Friction, Pull, RouteSpec, ServoSpec, TendonSpec, Waypoint};
 pub use units::{CommandUnit, DisplayUnit, TendonGroup};
 pub(crate) use value::shift;
 
@@ -114,6 +114,8 @@ pub struct Tendon {
     pub stiffening: f64,
     /// Friction in its holes.
     pub friction: Option<Friction>,
+    /// What its servo cannot do at once, or at all; without a lag and limits where the file does not give it.
+    pub servo: ServoSpec,
     /// The holes it goes through, from the servo to where it is fastened.
     pub route: Vec<Waypoint>,
     /// Length of the pieces between holes of one and the same body (m).

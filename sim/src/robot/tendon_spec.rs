@@ -24,6 +24,33 @@ pub struct TendonSpec {
     /// Friction in the holes; none where the file does not give it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<Friction>,
+    /// What the servo cannot do at once, or at all; an ideal servo where the file does not give it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub servo: Option<ServoSpec>,
+}
+
+/// Limits of the servo that drives a tendon. In motion the command that acts on the tendon, `u`, follows the one given, `c`, as
+/// `du/dt = (c - u) / lag`, never faster than `rate`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServoSpec {
+    /// Time constant of the first-order lag (s); acts in motion.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub lag: f64,
+    /// Largest rate of the acting command (m/s, or N/s for a tension drive); acts in motion. None where the file does not give it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate: Option<f64>,
+    /// Largest force that the drive exerts on the tendon (N), pulling or pushing, in motion and at rest. None where the file does not
+    /// give it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub largest_force: Option<f64>,
+}
+
+impl ServoSpec {
+    /// Whether the acting command takes time to follow the one given.
+    pub fn follows(&self) -> bool {
+        self.lag > 0.0 || self.rate.is_some()
+    }
 }
 
 /// What a command means to a tendon of length `L`.

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use super::checks::{LARGEST, at_most, finite, not_negative, positive, radians};
 use super::{
     Backbone, BaseSpec, Body, Drive, HingeJoint, Holes, Limit, MassSpec, ModuleSpec, PerDisc,
-    RobotSpec, RodSpec, RouteSpec, Routing, SpecError, TendonSpec, joints_along,
+    RobotSpec, RodSpec, RouteSpec, Routing, ServoSpec, SpecError, TendonSpec, joints_along,
     spec_error::refuse,
 };
 
@@ -434,6 +434,37 @@ impl TendonSpec {
             let stiffness = friction.contact_stiffness;
             positive(&at("friction.contact_stiffness"), stiffness)?;
         }
-        Ok(())
+        match &self.servo {
+            Some(servo) => self.validate_servo(servo, &|field: &str| at(&format!("servo.{field}"))),
+            None => Ok(()),
+        }
+    }
+
+    fn validate_servo(
+        &self,
+        servo: &ServoSpec,
+        at: &dyn Fn(&str) -> String,
+    ) -> Result<(), SpecError> {
+        not_negative(&at("lag"), servo.lag)?;
+        if let Some(rate) = servo.rate {
+            positive(&at("rate"), rate)?;
+        }
+        let Some(force) = servo.largest_force else {
+            return Ok(());
+        };
+        positive(&at("largest_force"), force)?;
+        match self.stretches() {
+            true => Ok(()),
+            false => Err(refuse(
+                &at("largest_force"),
+                force,
+                match self.drive {
+                    Drive::Tension => "none: the largest command of a tension drive is its limit",
+                    Drive::Gain(_) | Drive::Length => {
+                        "none, or a tendon that stretches: an axial_stiffness"
+                    }
+                },
+            )),
+        }
     }
 }

@@ -229,6 +229,7 @@ impl<'a> Routes<'a> {
             && a.stiffness == b.stiffness
             && a.stiffening == b.stiffening
             && a.friction == b.friction
+            && a.servo == b.servo
             && bodies(a) == bodies(b);
         alike
             && self.holes[from]

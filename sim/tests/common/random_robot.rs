@@ -162,6 +162,7 @@ fn random_tendon(kind: Kind, rng: &mut impl Rng) -> TendonSpec {
         axial_stiffness: rng.random::<bool>().then(|| within(1e3, 1e4, rng)),
         stiffening: 0.0,
         friction: None,
+        servo: None,
     };
     if kind == Kind::Mujoco {
         return gain;

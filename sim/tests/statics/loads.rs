@@ -190,6 +190,7 @@ fn driven(drive: Drive, range: [f64; 2], pull: Pull) -> Robot {
             axial_stiffness: None,
             stiffening: 0.0,
             friction: None,
+            servo: None,
         });
     }
     Robot::new(spec).unwrap()

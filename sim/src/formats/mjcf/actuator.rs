@@ -167,6 +167,7 @@ impl<'a> BodyReader<'a> {
             axial_stiffness: None,
             stiffening: 0.0,
             friction: None,
+            servo: None,
         };
         Ok((tendon, strongest))
     }

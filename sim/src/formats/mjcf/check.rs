@@ -163,6 +163,10 @@ fn check_tendon(field: &str, tendon: &TendonSpec) -> Result<(), ExportError> {
             expected,
         ));
     }
+    if tendon.servo.is_some() {
+        let expected = "none: its actuators follow their commands at once, however strong";
+        return Err(refuse(&format!("{field}.servo"), "a servo", expected));
+    }
     if tendon.drive == Drive::Length && tendon.axial_stiffness.is_none() {
         let expected = "an `axial_stiffness` with it: it has no drive that sets a length exactly";
         return Err(refuse(&format!("{field}.drive"), "`length`", expected));

@@ -22,6 +22,7 @@ fn robot_with_a_fixed_wrap(coefficient: f64) -> (Robot, f64) {
             axial_stiffness: None,
             stiffening: 0.0,
             friction: rough(coefficient),
+            servo: None,
         },
     });
     let holes = spec.base.holes.positions();

@@ -173,6 +173,7 @@ fn random_tendon(rng: &mut ChaCha8Rng) -> TendonSpec {
         axial_stiffness: needs_axial.then(|| rng.random_range(100.0..1e4)),
         stiffening: 0.0,
         friction: None,
+        servo: None,
     }
 }
 

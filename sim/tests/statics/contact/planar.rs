@@ -64,6 +64,7 @@ fn robot(length: f64) -> Robot {
             axial_stiffness: None,
             stiffening: 0.0,
             friction: None,
+            servo: None,
         },
     }];
     Robot::new(spec).unwrap()

@@ -106,6 +106,7 @@ impl Rod {
                     axial_stiffness: None,
                     stiffening: 0.0,
                     friction: None,
+                    servo: None,
                 },
             })
             .collect();
