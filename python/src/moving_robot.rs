@@ -154,6 +154,12 @@ impl MovingRobot {
     fn tensions<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, self.0.pose().tendon_tensions)
     }
+
+    /// What acts on the tendons, shape (tendons,) (m or N).
+    #[getter]
+    fn acting<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.acting().as_slice())
+    }
 }
 
 fn turns<'py>(

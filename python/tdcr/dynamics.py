@@ -194,7 +194,7 @@ def simulate(
 
     Args:
         robot: The robot, of ``n`` discs and ``t`` tendons, or what :class:`tdcr.Robot` makes one of.
-        commands: Shape (T, t) (m or N).
+        commands: Shape (T, t) (m or N). Servos with a lag or a largest rate start where the first one has them.
         payload: Point mass on the last disc (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (n, 6).
         loads: Other loads.

@@ -43,7 +43,6 @@ class MovingRobot:
         self.scene = None if scene is None else as_scene(scene)
         native_scene = None if self.scene is None else self.scene._native
         self._native = _tdcr.MovingRobot(robot._native, native_steps(dt, integrator, frame_skip), native_scene)
-        self._command = robot.mean_command
         self.start_at(State.straight(robot))
 
     def reset(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> None:
@@ -62,7 +61,7 @@ class MovingRobot:
         self._native.reset(self._take(command), one_load(loads, payload)._native)
 
     def start_at(self, state: State, command: Any = None) -> None:
-        """Starts anew in a state, objects where the scene has them. Until the next step, tensions are those under ``command``;
+        """Starts anew in a state, objects where the scene has them and servos come to ``command``. Until the next step, tensions are those under ``command``;
         under the mean one if it is not given."""
         configuration, velocity = one_state(self.robot, state)
         self._native.start_at(configuration, velocity, self._take(self.robot.mean_command if command is None else command))
@@ -120,8 +119,15 @@ class MovingRobot:
 
     @property
     def tensions(self) -> Floats:
-        """Tension of each tendon, shape (t,), positive when it pulls (N)."""
+        """Tension of each tendon, shape (t,), positive when it pulls (N). Where a length is commanded of an inextensible tendon, that
+        of the last time step; 0 before the first from a state."""
         return self._native.tensions
+
+    @property
+    def acting(self) -> Floats:
+        """The command that acts on the tendons, shape (t,) (m or N): the last one given, unless the robot file has servos with a lag
+        or a largest rate, which follow it late."""
+        return self._native.acting
 
     @property
     def contacts(self) -> Contacts | None:
@@ -144,13 +150,12 @@ class MovingRobot:
         self._native.place_objects(object_states(objects, names))
 
     def _take(self, command: Any) -> Floats:
-        self._command = as_float(command, "command", (self.robot.tendons,))
-        return self._command
+        return as_float(command, "command", (self.robot.tendons,))
 
     def __getstate__(self) -> dict[str, Any]:
         return {
             "arguments": (self.robot, self.dt, self.integrator, self.frame_skip, self.scene),
-            "state": (self.configuration, self.velocity, self._command),
+            "state": (self.configuration, self.velocity, self.acting),
             "clock": self._native.clock,
             "objects": self.objects,
         }

@@ -78,7 +78,7 @@ class Viewer:
         """
         robot = self.robot
         if isinstance(what, MovingRobot) and command is None:
-            command = what._command
+            command = what.acting
         if isinstance(what, Equilibrium | MovingRobot):
             what = what.configuration
         rotations = getattr(what, "ndim", None) == 2

@@ -12,7 +12,7 @@ use tdcr::base::files::AtomicFile;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::contact::{ContactLaw, ContactStepper};
-use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
+use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, Servos, State, Stepper};
 use tdcr::sim::robot::{Loads, Robot};
 use tdcr::sim::scene::Scene;
 
@@ -168,6 +168,11 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         .map(|to| MotionPicture::new(to, &robot, &loads, &scene, (commands.len(), args.dt)))
         .transpose()?;
     let mut state = State::straight(&robot);
+    let first = commands
+        .first()
+        .cloned()
+        .unwrap_or_else(|| robot.mean_command());
+    let mut servos = Servos::at(&robot, &first);
     if let Some(first) = commands.first() {
         stepper.check_start(&state)?;
         (stepper.stepper()).check_stable(&state, first, &loads)?;
@@ -176,7 +181,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         if console.interrupted() {
             return Err(Interrupted.into());
         }
-        (stepper.step(&mut state, command, &loads))
+        (stepper.step(&mut state, servos.follow(command, args.dt), &loads))
             .with_context(|| format!("step {step}, at {:.6} s", step as f64 * args.dt))?;
         if let Some(path) = &mut path {
             path.write((step + 1) as f64 * args.dt, &state, &stepper)?;

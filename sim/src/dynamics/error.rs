@@ -22,13 +22,25 @@ pub enum DynamicsError {
         /// The joint, from 0 at the base.
         joint: usize,
     },
-    /// A tendon whose length is imposed.
+    /// A tendon whose length is imposed, where that cannot be held.
     #[error(
-        "tendon {} is inextensible and its length is commanded; for motion give it an \
-         `axial_stiffness`, or a drive with a gain",
-        tendon + 1
+        "tendon {} is inextensible and its length is commanded, which only steps by {:?} and {:?} hold, not among obstacles and \
+         without derivatives; give it an `axial_stiffness`, or a drive with a gain",
+        tendon + 1,
+        Integrator::SemiImplicitEuler,
+        Integrator::ImplicitEuler
     )]
     Inextensible {
+        /// The tendon, from 0.
+        tendon: usize,
+    },
+    /// A servo that takes time to follow its commands, where derivatives are asked for.
+    #[error(
+        "the servo of tendon {} follows its commands late, and steps have derivatives only by the command that acts; leave out \
+         its `lag` and `rate`",
+        tendon + 1
+    )]
+    LateServo {
         /// The tendon, from 0.
         tendon: usize,
     },

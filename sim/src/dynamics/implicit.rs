@@ -268,6 +268,12 @@ impl ImplicitEuler {
         true
     }
 
+    /// Writes the change of the joints' rates by angular `impulses` on the joints (N m s, world axes) after
+    /// [`ImplicitEuler::accelerate`].
+    pub fn solve(&self, impulses: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        self.matrix.solve(impulses, out);
+    }
+
     /// The same of the impulses of other `reactions`, with the forms of those before.
     pub fn respond_again(
         &mut self,

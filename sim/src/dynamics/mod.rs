@@ -26,8 +26,9 @@
 //! viscous damping; tendons are massless and take the tension that their drives and stiffnesses give
 //! at each instant. A payload is a point mass on the distal disc: it has inertia as well as weight.
 //! Friction of the tendons in their holes does not act in motion, only in statics: a state does not
-//! hold which way each contact last slipped. Nor do commanded lengths of inextensible tendons, which
-//! would be constraints: such robots are refused.
+//! hold which way each contact last slipped. Commanded lengths of inextensible tendons are constraints
+//! (`held`), which steps of first order hold without obstacles. A command is what acts on the tendons:
+//! where servos have a lag or a largest rate, [`Servos`] say what acts.
 //!
 //! # Steps
 //!
@@ -48,7 +49,9 @@ mod error;
 mod expansion;
 mod forces;
 mod growth;
+mod held;
 mod hinge_reach;
+mod holding;
 mod implicit;
 mod inertia_cotangent;
 mod integrator;
@@ -59,6 +62,7 @@ mod reacting;
 mod reaction;
 mod rollout;
 mod runge_kutta;
+mod servos;
 mod small_motions;
 mod state;
 mod step_adjoint;
@@ -76,6 +80,7 @@ pub use linearise::{Linearisation, Lineariser};
 pub(crate) use reacting::Resistance;
 pub(crate) use reaction::Reaction;
 pub use rollout::{Rollout, rollout_batch};
+pub use servos::Servos;
 pub(crate) use small_motions::SmallMotions;
 pub use state::{Energy, State};
 pub use stepper::Stepper;

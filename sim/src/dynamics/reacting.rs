@@ -125,6 +125,14 @@ impl Stepper {
         }
     }
 
+    /// Writes the change of the joints' rates by angular impulses on the joints (N m s), by the matrix of the step; world axes.
+    pub(super) fn solve_joints(&mut self, impulses: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        match (&self.scheme, self.implicit) {
+            (Scheme::ImplicitEuler(scheme), true) => scheme.solve(impulses, out),
+            _ => self.equations.solve(&self.armatures, impulses, out),
+        }
+    }
+
     /// Ends the step that was begun from `state`, the rates changed by `change` (rad/s, world axes).
     pub(crate) fn finish(
         &mut self,

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{DynamicsError, Integrator, State, Stepper};
+use super::{DynamicsError, Integrator, Servos, State, Stepper};
 use crate::robot::{Command, Loads, Robot};
 
 /// A motion to compute: where it starts, and what is commanded at each step.
@@ -17,15 +17,20 @@ pub struct Rollout {
 }
 
 impl Stepper {
-    /// The states after each step of `rollout`.
+    /// The states after each step of `rollout`, at the start of which the servos have come to the first command.
     ///
     /// # Errors
     /// [`DynamicsError`] of the first step that fails.
     pub fn rollout(&mut self, rollout: &Rollout) -> Result<Vec<State>, DynamicsError> {
         let mut state = rollout.start.clone();
+        let Some(first) = rollout.commands.first() else {
+            return Ok(Vec::new());
+        };
+        let mut servos = Servos::at(self.robot(), first);
         (rollout.commands.iter())
             .map(|command| {
-                self.step(&mut state, command, &rollout.loads)?;
+                let acting = servos.follow(command, self.timestep);
+                self.step(&mut state, acting, &rollout.loads)?;
                 Ok(state.clone())
             })
             .collect()

@@ -131,7 +131,8 @@ impl Stepper {
         loads: &Loads,
     ) -> Result<(), DynamicsError> {
         let (integrator, timestep) = (self.integrator(), self.timestep());
-        if integrator.is_implicit() {
+        // Commanded lengths leave fewer motions than these are of.
+        if integrator.is_implicit() || self.first_held().is_some() {
             return Ok(());
         }
         let motions = SmallMotions::about(self.robot(), state, command, loads)?;

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::acceleration::EquationsOfMotion;
+use super::held::HeldLengths;
 use super::hinge_reach::HingeReach;
 use super::implicit::ImplicitEuler;
 use super::integrator::{Integrator, LARGEST_TURN};
@@ -22,6 +23,8 @@ pub struct Stepper {
     /// The same without what is implicit.
     pub(super) bare: Vec<Vector3<f64>>,
     pub(super) scheme: Scheme,
+    /// Inextensible tendons whose lengths are commanded; the equations have tensions in their place.
+    pub(super) held: Option<Box<HeldLengths>>,
     /// Whether the step that was begun is implicit in the stiffness.
     pub(super) implicit: bool,
     /// Accelerations of the joints' coordinates (rad/s²).
@@ -57,7 +60,7 @@ impl Stepper {
     ///
     /// # Errors
     /// [`DynamicsError`] for a time step that is not positive, a joint without inertia, or an
-    /// inextensible tendon whose length is commanded.
+    /// inextensible tendon whose length is commanded and an integrator that is not of first order.
     pub fn new(
         robot: &Robot,
         timestep: f64,
@@ -66,6 +69,14 @@ impl Stepper {
         if !(timestep.is_finite() && timestep > 0.0) {
             return Err(DynamicsError::Timestep(timestep));
         }
+        let held = match integrator {
+            Integrator::SemiImplicitEuler | Integrator::ImplicitEuler => HeldLengths::new(robot),
+            _ => None,
+        };
+        let by_tension = held
+            .as_ref()
+            .map(|held| HeldLengths::by_tension(&held.robot));
+        let robot = by_tension.as_ref().unwrap_or(robot);
         let (scheme, implicit) = match integrator {
             Integrator::SemiImplicitEuler => (Scheme::SemiImplicitEuler, timestep),
             Integrator::RungeKutta4 => (Scheme::RungeKutta4(RungeKutta::new(robot)), 0.0),
@@ -85,6 +96,7 @@ impl Stepper {
             armatures,
             bare: Link::armatures(robot, 0.0),
             scheme,
+            held,
             implicit: false,
             accelerations: vec![0.0; robot.dof()],
             inertial: vec![0.0; robot.dof()],
@@ -95,7 +107,10 @@ impl Stepper {
 
     /// The robot.
     pub fn robot(&self) -> &Robot {
-        &self.equations.robot
+        match &self.held {
+            Some(held) => &held.robot,
+            None => &self.equations.robot,
+        }
     }
 
     /// The time step (s).
@@ -116,7 +131,8 @@ impl Stepper {
     }
 
     /// Moves `state` by one time step under `command` and `loads`, both constant meanwhile. Takes
-    /// O(n) time and allocates nothing, but for [`Integrator::ImplicitEuler`].
+    /// O(n) time and allocates nothing, but for [`Integrator::ImplicitEuler`] and commanded lengths of inextensible tendons. The
+    /// command is what acts on the tendons: [`Servos`](super::Servos) follow one that is given.
     ///
     /// # Errors
     /// [`DynamicsError`] when state, command or loads are not of this robot, or an implicit step has no solution that can be
@@ -128,6 +144,11 @@ impl Stepper {
         command: &Command,
         loads: &Loads,
     ) -> Result<(), DynamicsError> {
+        if let Some(mut held) = self.held.take() {
+            let moved = self.step_holding(&mut held, state, command, loads);
+            self.held = Some(held);
+            return moved;
+        }
         self.equations.accept(state, command, loads)?;
         let (h, command) = (self.timestep, command.as_slice());
         self.hinges.remember(state);
@@ -184,7 +205,7 @@ impl Stepper {
         }
     }
 
-    /// Energy of `state` under `command` and `loads`.
+    /// Energy of `state` under `command` and `loads`; inextensible tendons whose lengths are commanded have none.
     ///
     /// # Errors
     /// [`DynamicsError`] when they are not of this robot.
@@ -195,6 +216,10 @@ impl Stepper {
         loads: &Loads,
     ) -> Result<Energy, DynamicsError> {
         self.equations.accept(state, command, loads)?;
+        let command = match &mut self.held {
+            Some(held) => held.without_tensions(command),
+            None => command,
+        };
         Ok(self.equations.energy(state, command.as_slice()))
     }
 }

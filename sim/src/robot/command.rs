@@ -45,6 +45,11 @@ impl Command {
     pub fn as_slice(&self) -> &[f64] {
         &self.0
     }
+
+    /// The values, to be changed within what the robot they act on takes.
+    pub(crate) fn as_mut_slice(&mut self) -> &mut [f64] {
+        &mut self.0
+    }
 }
 
 impl Robot {

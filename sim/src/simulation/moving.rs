@@ -4,7 +4,7 @@ use nalgebra::UnitQuaternion;
 
 use super::{Simulation, SimulationError, check, settled};
 use crate::contact::{Contact, ContactLaw, ContactSettler, ContactStepper};
-use crate::dynamics::{DynamicsError, Integrator, State, Stepper};
+use crate::dynamics::{DynamicsError, Integrator, Servos, State, Stepper};
 use crate::objects::ObjectState;
 use crate::pose::Pose;
 use crate::robot::{Command, Loads, Robot};
@@ -33,6 +33,7 @@ pub struct MovingRobot {
     /// Time steps of one advance.
     steps: usize,
     state: State,
+    servos: Servos,
     /// Time since the last reset (s), in steps.
     taken: u64,
     phase: Phase,
@@ -66,13 +67,14 @@ impl MovingRobot {
             stepper,
             steps: steps.max(1),
             state: State::straight(&robot),
+            servos: Servos::at(&robot, &robot.mean_command()),
             taken: 0,
             phase: Phase::New,
             posture: Posture::new(&robot),
             orientations: vec![UnitQuaternion::identity(); robot.discs().len()],
             tensions: vec![0.0; robot.tendons().len()],
         };
-        moving.place(&robot.mean_command());
+        moving.place();
         moving
     }
 
@@ -108,12 +110,18 @@ impl MovingRobot {
         &self.state
     }
 
+    /// The command that acts on the tendons: the last one given, unless servos follow it late
+    /// ([`ServoSpec`](crate::robot::ServoSpec)).
+    pub fn acting(&self) -> &Command {
+        self.servos.acting()
+    }
+
     /// Time since the last reset (s).
     pub fn time(&self) -> f64 {
         self.taken as f64 * self.stepper().timestep()
     }
 
-    /// Starts anew in `state`, the tendons under `command`, objects as the scene has them.
+    /// Starts anew in `state`, the tendons under `command`, to which servos have come, objects as the scene has them.
     ///
     /// # Errors
     /// [`SimulationError`] where they are not of this robot, or the state is inside an obstacle.
@@ -125,7 +133,7 @@ impl MovingRobot {
         Ok(())
     }
 
-    /// Goes on with a motion that was left in `state` under `command`, where [`MovingRobot::taken`] was `taken`: as if it
+    /// Goes on with a motion that was left in `state` while `command` was [`acting`](Self::acting), where [`MovingRobot::taken`] was `taken`: as if it
     /// had not been left, to the last bit. Objects stay where they are: [`MovingRobot::place_objects`] places them.
     ///
     /// # Errors
@@ -168,7 +176,9 @@ impl MovingRobot {
         size("configuration", state.configuration.0.len(), joints)?;
         size("velocity", state.velocity.len(), dof)?;
         self.state.clone_from(state);
-        self.place(command);
+        self.servos = Servos::at(robot, command);
+        self.tensions.fill(0.0);
+        self.place();
         Ok(())
     }
 
@@ -187,15 +197,20 @@ impl MovingRobot {
         }
         check(self.robot(), command, loads)?;
         self.check_stable(command, loads)?;
+        let timestep = self.stepper().timestep();
         let mut moved = Ok(());
         for _ in 0..steps {
-            moved = self.stepper.step(&mut self.state, command, loads);
+            let acting = self.servos.follow(command, timestep);
+            moved = self.stepper.step(&mut self.state, acting, loads);
             if moved.is_err() {
                 break;
             }
             self.taken += 1;
         }
-        self.place(command);
+        for (tendon, tension) in self.stepper.stepper().held_tensions() {
+            self.tensions[tendon] = tension;
+        }
+        self.place();
         Ok(moved?)
     }
 
@@ -212,14 +227,18 @@ impl MovingRobot {
     /// Refuses, at the start of a motion, a time step by which small motions about it grow.
     fn check_stable(&mut self, command: &Command, loads: &Loads) -> Result<(), DynamicsError> {
         if self.phase == Phase::Started {
-            (self.stepper()).check_stable(&self.state, command, loads)?;
+            // What acts in the first step.
+            let mut servos = self.servos.clone();
+            let acting = servos.follow(command, self.stepper().timestep());
+            (self.stepper()).check_stable(&self.state, acting, loads)?;
             self.phase = Phase::Checked;
         }
         Ok(())
     }
 
-    /// Computes the pose of the state under `command`.
-    fn place(&mut self, command: &Command) {
+    /// Computes the pose of the state under the command that acts. Tensions that hold lengths are as they were last found.
+    fn place(&mut self) {
+        let command = self.servos.acting();
         let robot = self.stepper.robot();
         self.posture.place(robot, &self.state.configuration);
         self.posture.chain.quaternions(&mut self.orientations);
@@ -227,7 +246,9 @@ impl MovingRobot {
         for ((tension, tendon), (&length, &command)) in
             self.tensions.iter_mut().zip(robot.tendons()).zip(lengths)
         {
-            *tension = tendon.state(length, command).tension;
+            if !tendon.holds_length() {
+                *tension = tendon.state(length, command).tension;
+            }
         }
     }
 }
@@ -245,8 +266,10 @@ impl Simulation for MovingRobot {
         let configuration = &equilibrium.configuration;
         self.state.configuration.0.copy_from_slice(&configuration.0);
         self.state.velocity.fill(0.0);
+        self.tensions.copy_from_slice(&equilibrium.tendon_tensions);
+        self.servos = Servos::at(self.stepper.robot(), command);
         (self.taken, self.phase) = (0, Phase::Started);
-        self.place(command);
+        self.place();
         settled(self.robot(), command, &self.settler.found().equilibrium)?;
         Ok(self.check_stable(command, loads)?)
     }

@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 use tdcr_sim::robot::{
-    Axis, Body, CommandError, Holes, Loads, MassSpec, Parameter, PerDisc, Robot, RobotSpec,
-    RouteSpec, Waypoint,
+    Axis, Body, CommandError, Drive, Holes, Loads, MassSpec, Parameter, PerDisc, Robot, RobotSpec,
+    RouteSpec, ServoSpec, Waypoint,
 };
 
 #[test]
@@ -43,7 +43,7 @@ fn a_specification_survives_its_files() {
 #[test]
 fn a_wrong_field_is_named_with_its_value_and_what_is_expected() {
     type Change = fn(&mut RobotSpec);
-    let cases: [(Change, &str); 7] = [
+    let cases: [(Change, &str); 10] = [
         (
             |s| s.modules[1].radius = -0.02,
             "`modules[1].radius` is -0.02; expected a finite number above 0",
@@ -64,6 +64,21 @@ fn a_wrong_field_is_named_with_its_value_and_what_is_expected() {
         (
             |s| s.modules[0].tendons.as_mut().unwrap().range = [0.04, 0.0],
             "`modules[0].tendons.range` is [0.04, 0]",
+        ),
+        (
+            |s| with_servo(s, |servo| servo.lag = f64::NAN),
+            "`modules[0].tendons.servo.lag` is NaN",
+        ),
+        (
+            |s| with_servo(s, |servo| servo.rate = Some(0.0)),
+            "`modules[0].tendons.servo.rate` is 0",
+        ),
+        (
+            |s| {
+                with_servo(s, |servo| servo.largest_force = Some(5.0));
+                s.modules[0].tendons.as_mut().unwrap().drive = Drive::Length;
+            },
+            "`modules[0].tendons.servo.largest_force` is 5; expected none, or a tendon that stretches",
         ),
         (
             |s| s.base.holes = Holes::At(vec![[0.01, 0.0]; 2]),
@@ -277,4 +292,10 @@ fn what_is_no_key_of_a_parameter_is_refused_with_what_would_be() {
         let start = format!("{key:?} is not the key of a parameter: {says}");
         assert!(error.starts_with(&start), "{error}");
     }
+}
+
+/// Gives the tendons of the first module a servo.
+fn with_servo(spec: &mut RobotSpec, change: fn(&mut ServoSpec)) {
+    let servo = &mut spec.modules[0].tendons.as_mut().unwrap().servo;
+    change(servo.insert(ServoSpec::default()));
 }

@@ -93,7 +93,8 @@ impl ContactStepper {
     ///
     /// # Errors
     /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles;
-    /// [`DynamicsError::Objects`] for objects that cannot move.
+    /// [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are; [`DynamicsError::Objects`] for
+    /// objects that cannot move.
     pub fn new(stepper: Stepper, scene: &Scene, law: ContactLaw) -> Result<Self, DynamicsError> {
         let beads = Beads::new(stepper.robot());
         Self::with_beads(stepper, scene, law, beads)
@@ -113,6 +114,9 @@ impl ContactStepper {
         let mut mobilities = Vec::new();
         if !scene.obstacles().is_empty() {
             stepper.check_reacting()?;
+            if let Some(tendon) = stepper.first_held() {
+                return Err(DynamicsError::Inextensible { tendon });
+            }
             if let ContactLaw::Impedance(_) = law {
                 mobilities = mobilities_of(&mut stepper)?;
             }

@@ -5,6 +5,7 @@ mod gradients;
 mod midpoint;
 mod refusals;
 mod rods;
+mod servos;
 mod steps;
 
 use nalgebra::{UnitQuaternion, Vector3};

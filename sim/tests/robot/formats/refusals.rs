@@ -4,7 +4,7 @@ use tdcr_sim::camera::Distortion;
 use tdcr_sim::formats::mjcf::{ExportOptions, export, import_text};
 use tdcr_sim::robot::{
     Aim, CameraSpec, Cameras, Drive, Friction, Lens, Limit, MassSpec, PerDisc, PinholeSpec, Pull,
-    RigidMass, RobotSpec,
+    RigidMass, RobotSpec, ServoSpec,
 };
 
 fn model() -> String {
@@ -90,7 +90,7 @@ fn a_camera_that_mujoco_cannot_represent_is_named_by_its_field() {
 #[test]
 fn what_mujoco_cannot_represent_is_named_by_its_field() {
     type Change = fn(&mut RobotSpec);
-    let cases: [(Change, &str); 9] = [
+    let cases: [(Change, &str); 10] = [
         (
             |s| {
                 s.modules[0].limit = Some(PerDisc::Uniform(Limit {
@@ -108,6 +108,10 @@ fn what_mujoco_cannot_represent_is_named_by_its_field() {
                 });
             },
             "`modules[1].tendons.friction` is a coefficient above 0",
+        ),
+        (
+            |s| s.modules[0].tendons.as_mut().unwrap().servo = Some(ServoSpec::default()),
+            "`modules[0].tendons.servo` is a servo",
         ),
         (
             |s| s.modules[0].tendons.as_mut().unwrap().drive = Drive::Length,
