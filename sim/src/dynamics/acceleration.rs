@@ -183,6 +183,17 @@ impl EquationsOfMotion {
         torques: &[Vector3<f64>],
         out: &mut [Vector3<f64>],
     ) {
+        self.solve_among(armatures, torques, &[], out);
+    }
+
+    /// The same with the `forms` of what the surroundings do to each disc in the mass matrix; an empty list is nothing.
+    pub fn solve_among(
+        &mut self,
+        armatures: &[Vector3<f64>],
+        torques: &[Vector3<f64>],
+        forms: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
         // What torques do to a chain at rest.
         let still = |motion: &Motion| Motion {
             arm: motion.arm,
@@ -196,7 +207,7 @@ impl EquationsOfMotion {
             motions: &motions,
             hinges: &self.posture.chain.hinges,
         };
-        self.bodies.accelerate(&chain, armatures, torques, out);
+        (self.bodies).react::<false>(&chain, armatures, torques, forms, out);
     }
 
     /// Writes the change of the joints' rates by `reactions` (rad/s, world axes), in the posture and with the payload of the last

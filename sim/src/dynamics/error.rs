@@ -34,6 +34,14 @@ pub enum DynamicsError {
         /// The tendon, from 0.
         tendon: usize,
     },
+    /// A fluid around the robot, where its drag is not known.
+    #[error(
+        "the robot moves in a fluid, whose drag only steps by {:?} and {:?} have, not under MuJoCo's law of contacts and without \
+         derivatives; leave out its `fluid`",
+        Integrator::SemiImplicitEuler,
+        Integrator::ImplicitEuler
+    )]
+    InFluid,
     /// A servo that takes time to follow its commands, where derivatives are asked for.
     #[error(
         "the servo of tendon {} follows its commands late, and steps have derivatives only by the command that acts; leave out \

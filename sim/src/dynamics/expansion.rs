@@ -34,6 +34,9 @@ impl StepExpansion {
         if !(timestep.is_finite() && timestep > 0.0) {
             return Err(DynamicsError::Timestep(timestep));
         }
+        if robot.spec().fluid.is_some() {
+            return Err(DynamicsError::InFluid);
+        }
         if let Some(tendon) = robot.tendons().iter().position(|t| t.servo.follows()) {
             return Err(DynamicsError::LateServo { tendon });
         }

@@ -28,7 +28,8 @@
 //! Friction of the tendons in their holes does not act in motion, only in statics: a state does not
 //! hold which way each contact last slipped. Commanded lengths of inextensible tendons are constraints
 //! (`held`), which steps of first order hold without obstacles. A command is what acts on the tendons:
-//! where servos have a lag or a largest rate, [`Servos`] say what acts.
+//! where servos have a lag or a largest rate, [`Servos`] say what acts. A fluid around the robot holds its discs back (`drag`), in
+//! steps of first order.
 //!
 //! # Steps
 //!
@@ -44,6 +45,7 @@ mod acceleration;
 mod adjoint;
 mod articulated;
 mod composite;
+mod drag;
 mod equations;
 mod error;
 mod expansion;

@@ -49,7 +49,30 @@ impl Stepper {
             let (q, v) = (&state.configuration, &state.velocity);
             equations.accelerate(q, v, command, &self.armatures, accelerations);
         }
+        self.hold_back(state, loads);
         Ok(())
+    }
+
+    /// Adds what the drag of a fluid changes of the step that was begun from `state`.
+    fn hold_back(&mut self, state: &State, loads: &Loads) {
+        let Some(mut drag) = self.drag.take() else {
+            return;
+        };
+        let h = self.timestep;
+        drag.set(&self.equations, &state.velocity, &self.accelerations, h);
+        self.respond_to::<false>(loads, Resistance::Step, &drag.reactions, &mut drag.change);
+        self.accelerate_by(&drag.change);
+        self.drag = Some(drag);
+    }
+
+    /// Adds a `change` of the rates (rad/s, world axes) to the accelerations of the step that was begun.
+    fn accelerate_by(&mut self, change: &[Vector3<f64>]) {
+        let chain: &Chain = &self.equations.posture.chain;
+        let accelerations = self.accelerations.as_chunks_mut::<3>().0.iter_mut();
+        for (joint, (acceleration, change)) in accelerations.zip(change).enumerate() {
+            let own = chain.dual(joint).tr_mul(change) / self.timestep;
+            *acceleration = (Vector3::from(*acceleration) + own).into();
+        }
     }
 
     /// The posture in which the step was begun.
@@ -94,6 +117,26 @@ impl Stepper {
         reactions: &[Reaction],
         out: &mut [Vector3<f64>],
     ) {
+        match (self.drag.take(), resistance) {
+            (Some(mut drag), Resistance::Step) => {
+                self.respond_to::<KEEPS>(loads, resistance, drag.with(reactions), out);
+                self.drag = Some(drag);
+            }
+            (drag, _) => {
+                self.drag = drag;
+                self.respond_to::<KEEPS>(loads, resistance, reactions, out);
+            }
+        }
+    }
+
+    /// The same of all that reacts.
+    fn respond_to<const KEEPS: bool>(
+        &mut self,
+        loads: &Loads,
+        resistance: Resistance,
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
         let implicit = self.implicit && resistance == Resistance::Step;
         if let (Scheme::ImplicitEuler(scheme), true) = (&mut self.scheme, implicit) {
             let h = self.timestep;
@@ -128,24 +171,26 @@ impl Stepper {
     /// Writes the change of the joints' rates by angular impulses on the joints (N m s), by the matrix of the step; world axes.
     pub(super) fn solve_joints(&mut self, impulses: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
         match (&self.scheme, self.implicit) {
+            // Drag is in the matrix that was factorised last.
             (Scheme::ImplicitEuler(scheme), true) => scheme.solve(impulses, out),
-            _ => self.equations.solve(&self.armatures, impulses, out),
+            _ => {
+                let forms = match &mut self.drag {
+                    Some(drag) => drag.with(&[]),
+                    None => &[],
+                };
+                (self.equations).solve_among(&self.armatures, impulses, forms, out);
+            }
         }
     }
 
-    /// Ends the step that was begun from `state`, the rates changed by `change` (rad/s, world axes).
+    /// Ends the step that was begun from `state`, the rates changed by `change` (rad/s, world axes); by nothing where it is empty.
     pub(crate) fn finish(
         &mut self,
         state: &mut State,
         change: &[Vector3<f64>],
     ) -> Result<(), DynamicsError> {
+        self.accelerate_by(change);
         let h = self.timestep;
-        let chain: &Chain = &self.equations.posture.chain;
-        let accelerations = self.accelerations.as_chunks_mut::<3>().0.iter_mut();
-        for (joint, (acceleration, change)) in accelerations.zip(change).enumerate() {
-            let own = chain.dual(joint).tr_mul(change) / h;
-            *acceleration = (Vector3::from(*acceleration) + own).into();
-        }
         advance(&self.equations.robot, state, &self.accelerations, h);
         self.check_turn(largest_turn(&state.velocity, h), state)
     }

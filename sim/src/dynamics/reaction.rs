@@ -29,6 +29,13 @@ impl Reaction {
         self.inertia = self.inertia.sub(&symmetric(&(coupling * cross)));
     }
 
+    /// Adds the form of another, without its impulse.
+    pub(super) fn add_form(&mut self, other: &Self) {
+        self.inertia = self.inertia.add(&other.inertia);
+        self.coupling += other.coupling;
+        self.mass = self.mass.add(&other.mass);
+    }
+
     /// The form as a matrix.
     pub(super) fn spatial(&self) -> Matrix6<f64> {
         let mut form = Matrix6::zeros();

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::acceleration::EquationsOfMotion;
+use super::drag::Drag;
 use super::held::HeldLengths;
 use super::hinge_reach::HingeReach;
 use super::implicit::ImplicitEuler;
@@ -25,6 +26,8 @@ pub struct Stepper {
     pub(super) scheme: Scheme,
     /// Inextensible tendons whose lengths are commanded; the equations have tensions in their place.
     pub(super) held: Option<Box<HeldLengths>>,
+    /// The fluid around the robot.
+    pub(super) drag: Option<Box<Drag>>,
     /// Whether the step that was begun is implicit in the stiffness.
     pub(super) implicit: bool,
     /// Accelerations of the joints' coordinates (rad/s²).
@@ -60,7 +63,7 @@ impl Stepper {
     ///
     /// # Errors
     /// [`DynamicsError`] for a time step that is not positive, a joint without inertia, or an
-    /// inextensible tendon whose length is commanded and an integrator that is not of first order.
+    /// inextensible tendon whose length is commanded, or a fluid, and an integrator that is not of first order.
     pub fn new(
         robot: &Robot,
         timestep: f64,
@@ -69,9 +72,12 @@ impl Stepper {
         if !(timestep.is_finite() && timestep > 0.0) {
             return Err(DynamicsError::Timestep(timestep));
         }
-        let held = match integrator {
-            Integrator::SemiImplicitEuler | Integrator::ImplicitEuler => HeldLengths::new(robot),
-            _ => None,
+        let (held, drag) = match integrator {
+            Integrator::SemiImplicitEuler | Integrator::ImplicitEuler => {
+                (HeldLengths::new(robot), Drag::new(robot))
+            }
+            _ if robot.spec().fluid.is_some() => return Err(DynamicsError::InFluid),
+            _ => (None, None),
         };
         let by_tension = held
             .as_ref()
@@ -97,6 +103,7 @@ impl Stepper {
             bare: Link::armatures(robot, 0.0),
             scheme,
             held,
+            drag,
             implicit: false,
             accelerations: vec![0.0; robot.dof()],
             inertial: vec![0.0; robot.dof()],
@@ -148,6 +155,10 @@ impl Stepper {
             let moved = self.step_holding(&mut held, state, command, loads);
             self.held = Some(held);
             return moved;
+        }
+        if self.drag.is_some() {
+            self.begin(state, command, loads)?;
+            return self.finish(state, &[]);
         }
         self.equations.accept(state, command, loads)?;
         let (h, command) = (self.timestep, command.as_slice());

@@ -65,6 +65,7 @@ impl Layout {
             name: self.name,
             gravity: self.gravity,
             routing: Routing::ModuleBelow,
+            fluid: None,
             base: self.base,
             modules,
             routes: Vec::new(),

@@ -65,12 +65,14 @@ static ROBOT: Kind = kind(
         &["modules"],
     ],
     &[
+        ("fluid", &FLUID),
         ("base", &BASE),
         ("modules", &MODULE),
         ("routes", &ROUTE),
         ("cameras", &CAMERAS),
     ],
 );
+static FLUID: Kind = kind(&[&["density"], &["drag_coefficient"]], &[]);
 static BASE: Kind = kind(
     &[&["position"], &["holes"], &["hole_height"]],
     &[("holes", &CIRCLE)],

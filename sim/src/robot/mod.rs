@@ -42,7 +42,7 @@ pub use parameter_kind::ParameterKind;
 pub use parameters::ActsOn;
 pub use per_disc::PerDisc;
 pub use quantity::{Quantity, Values};
-pub use spec::{BaseSpec, ModuleSpec, RobotSpec, Routing};
+pub use spec::{BaseSpec, Fluid, ModuleSpec, RobotSpec, Routing};
 pub use spec_error::SpecError;
 pub(crate) use tendon_spec::joints_along;
 pub use tendon_spec::{Body, Drive, Friction, Pull, RouteSpec, ServoSpec, TendonSpec, Waypoint};

@@ -41,6 +41,9 @@ pub struct RobotSpec {
     pub gravity: [f64; 3],
     /// Where the tendons that modules bring along come from.
     pub routing: Routing,
+    /// The fluid at rest that the robot moves in; none where the file does not give it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fluid: Option<Fluid>,
     /// The fixed base.
     pub base: BaseSpec,
     /// The modules, from the base to the tip: 1 to 1000 discs in all.
@@ -50,6 +53,17 @@ pub struct RobotSpec {
     pub routes: Vec<RouteSpec>,
     /// The cameras that watch the robot; [`Cameras::around`] it where the file does not give them.
     pub cameras: Cameras,
+}
+
+/// A fluid at rest, whose drag holds the discs back in motion: `1/2 density drag_coefficient A |v| v` at the velocity `v` of a disc's
+/// origin, `A` the area that its cylinder shows along `v`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fluid {
+    /// Density (kg/m³).
+    pub density: f64,
+    /// Coefficient of drag.
+    pub drag_coefficient: f64,
 }
 
 /// Where the tendons that a module brings along start. Each goes through the holes of its own
@@ -201,6 +215,7 @@ struct RobotInFile {
     name: String,
     gravity: [f64; 3],
     routing: Routing,
+    fluid: Option<Fluid>,
     base: BaseSpec,
     modules: Vec<ModuleSpec>,
     #[serde(default)]
@@ -222,6 +237,7 @@ impl From<RobotInFile> for RobotSpec {
             name: file.name,
             gravity: file.gravity,
             routing: file.routing,
+            fluid: file.fluid,
             base: file.base,
             modules: file.modules,
             routes: file.routes,

@@ -29,6 +29,10 @@ impl RobotSpec {
     /// [`SpecError::Field`] for the first field that no robot can have.
     pub fn validate(&self) -> Result<(), SpecError> {
         finite("gravity", &self.gravity)?;
+        if let Some(fluid) = &self.fluid {
+            not_negative("fluid.density", fluid.density)?;
+            not_negative("fluid.drag_coefficient", fluid.drag_coefficient)?;
+        }
         self.base.validate()?;
         if self.modules.is_empty() {
             return Err(refuse("modules", "empty", "at least one module"));

@@ -93,7 +93,7 @@ impl ContactStepper {
     ///
     /// # Errors
     /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles;
-    /// [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are; [`DynamicsError::Objects`] for
+    /// [`DynamicsError::InFluid`] for a fluid and [`ContactLaw::Impedance`]; [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are; [`DynamicsError::Objects`] for
     /// objects that cannot move.
     pub fn new(stepper: Stepper, scene: &Scene, law: ContactLaw) -> Result<Self, DynamicsError> {
         let beads = Beads::new(stepper.robot());
@@ -118,6 +118,9 @@ impl ContactStepper {
                 return Err(DynamicsError::Inextensible { tendon });
             }
             if let ContactLaw::Impedance(_) = law {
+                if stepper.robot().spec().fluid.is_some() {
+                    return Err(DynamicsError::InFluid);
+                }
                 mobilities = mobilities_of(&mut stepper)?;
             }
         }

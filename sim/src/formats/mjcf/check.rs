@@ -32,6 +32,13 @@ pub(super) fn representable(robot: &Robot, payload: &Payload) -> Result<(), Expo
         let found = format!("{} discs in all", spec.disc_count());
         return Err(refuse("modules", found, "495 discs at most"));
     }
+    if spec.fluid.is_some() {
+        return Err(refuse(
+            "fluid",
+            "a fluid",
+            "none: its drag is by another law",
+        ));
+    }
     check_masses(robot)?;
     for (index, module) in spec.modules.iter().enumerate() {
         check_joints(index, module)?;

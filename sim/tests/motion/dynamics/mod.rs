@@ -1,6 +1,7 @@
 //! What the dynamics promise, checked from outside through the public interface.
 
 mod derivatives;
+mod drag;
 mod gradients;
 mod midpoint;
 mod refusals;

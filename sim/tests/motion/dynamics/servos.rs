@@ -3,7 +3,7 @@
 use tdcr_sim::contact::{ContactLaw, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Lineariser, Rollout, State, Stepper};
 use tdcr_sim::robot::{
-    Backbone, Command, Drive, Loads, PerDisc, Pull, Robot, RobotSpec, ServoSpec,
+    Backbone, Command, Drive, Fluid, Loads, PerDisc, Pull, Robot, RobotSpec, ServoSpec,
 };
 use tdcr_sim::scene::{Obstacle, Scene};
 use tdcr_sim::simulation::{MovingRobot, Simulation};
@@ -112,6 +112,44 @@ fn a_commanded_length_is_kept_in_every_step_of_a_motion() {
             assert_eq!(moving.pose().tendon_tensions[1], 0.0);
         }
     }
+}
+
+#[test]
+fn the_tensions_that_hold_lengths_move_the_robot_as_the_same_tensions_commanded() {
+    // In a thick fluid, which is in the step's matrix.
+    let thick = |drive, range| {
+        let mut spec = driven(drive, range, Pull::TensionOnly, None).spec().clone();
+        spec.fluid = Some(Fluid {
+            density: 1e5,
+            drag_coefficient: 1.1,
+        });
+        Robot::new(spec).unwrap()
+    };
+    let held = thick(Drive::Length, [0.0, 0.2]);
+    let pulled = thick(Drive::Tension, [0.0, 1e6]);
+    let stepper = |robot| Stepper::new(robot, 0.002, Integrator::SemiImplicitEuler).unwrap();
+    let (mut holding, mut pulling) = (stepper(&held), stepper(&pulled));
+    let mut state = State::straight(&held);
+    for step in 1..=50 {
+        let first = 0.085 - 1e-4 * f64::from(step);
+        let lengths = held.command(&[first, 0.2, 0.2, 0.2, 0.2, first]).unwrap();
+        let mut other = state.clone();
+        holding
+            .step(&mut state, &lengths, &Loads::default())
+            .unwrap();
+        let tensions: Vec<f64> = holding
+            .held_tensions()
+            .map(|(_, tension)| tension)
+            .collect();
+        let tensions = pulled.command(&tensions).unwrap();
+        pulling
+            .step(&mut other, &tensions, &Loads::default())
+            .unwrap();
+        let rates = state.velocity.iter().zip(&other.velocity);
+        let apart = rates.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-9, "{step}: {apart}");
+    }
+    assert!(state.velocity.iter().any(|rate| rate.abs() > 0.01));
 }
 
 #[test]

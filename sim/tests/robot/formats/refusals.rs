@@ -3,8 +3,8 @@
 use tdcr_sim::camera::Distortion;
 use tdcr_sim::formats::mjcf::{ExportOptions, export, import_text};
 use tdcr_sim::robot::{
-    Aim, CameraSpec, Cameras, Drive, Friction, Lens, Limit, MassSpec, PerDisc, PinholeSpec, Pull,
-    RigidMass, RobotSpec, ServoSpec,
+    Aim, CameraSpec, Cameras, Drive, Fluid, Friction, Lens, Limit, MassSpec, PerDisc, PinholeSpec,
+    Pull, RigidMass, RobotSpec, ServoSpec,
 };
 
 fn model() -> String {
@@ -90,7 +90,7 @@ fn a_camera_that_mujoco_cannot_represent_is_named_by_its_field() {
 #[test]
 fn what_mujoco_cannot_represent_is_named_by_its_field() {
     type Change = fn(&mut RobotSpec);
-    let cases: [(Change, &str); 10] = [
+    let cases: [(Change, &str); 11] = [
         (
             |s| {
                 s.modules[0].limit = Some(PerDisc::Uniform(Limit {
@@ -108,6 +108,15 @@ fn what_mujoco_cannot_represent_is_named_by_its_field() {
                 });
             },
             "`modules[1].tendons.friction` is a coefficient above 0",
+        ),
+        (
+            |s| {
+                s.fluid = Some(Fluid {
+                    density: 998.0,
+                    drag_coefficient: 1.0,
+                });
+            },
+            "`fluid` is a fluid",
         ),
         (
             |s| s.modules[0].tendons.as_mut().unwrap().servo = Some(ServoSpec::default()),
