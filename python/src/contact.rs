@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use tdcr::sim::chain::Configuration;
 use tdcr::sim::contact::{Activity, Contact, ContactEquilibrium, Sliding};
 use tdcr::sim::robot::Command;
+use tdcr::sim::scene::SelfContact;
 
 use crate::arrays::{array, contiguous, flat_points, flat_quaternions, quaternions};
 use crate::errors::{Failure, Outcome};
@@ -101,9 +102,11 @@ impl Touched {
     /// What a robot in motion touches.
     pub fn in_motion(contacts: &[Contact], scene: &tdcr::sim::scene::Scene) -> Self {
         let product = |contact: &Contact| {
-            let obstacle = contact.partner.obstacle();
-            let compliance =
-                obstacle.map_or(0.0, |obstacle| scene.obstacles()[obstacle].compliance);
+            let compliance = match (contact.partner.obstacle(), scene.self_contact()) {
+                (Some(obstacle), _) => scene.obstacles()[obstacle].compliance,
+                (None, SelfContact::Touching { compliance }) => compliance,
+                (None, SelfContact::Ignored) => 0.0,
+            };
             let force = contact.force.dot(&contact.normal);
             (force * (contact.gap + compliance * force)).abs()
         };

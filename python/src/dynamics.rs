@@ -296,7 +296,7 @@ impl Row<'_> {
         self.tensions[part(t)].copy_from_slice(pose.tendon_tensions);
         let width = objects::WIDTH * moving.objects().len();
         objects::write(moving, &mut self.objects[part(width)]);
-        if !of.scene.obstacles().is_empty() {
+        if !of.scene.is_empty() {
             (self.touched).push(Touched::in_motion(moving.contacts(), &of.scene));
         }
         *self.steps = u32::try_from(step + 1).unwrap_or(u32::MAX);

@@ -153,8 +153,8 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     let commands = read_commands(&args.commands, |row| Ok(robot.command(&row.unloaded()?)?))?;
     let loads = Loads::payload(args.payload)?;
     let scene = args.scene.load()?;
-    let has_obstacles = !scene.obstacles().is_empty();
-    if args.linearise.is_some() && has_obstacles {
+    let touches = !scene.is_empty();
+    if args.linearise.is_some() && touches {
         bail!("--linearise has no contacts: leave out --scene");
     }
     let stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
@@ -212,7 +212,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         rotations: (state.configuration.0.iter()).map(upward).collect(),
         velocity: state.velocity,
         objects: objects_of(&stepper),
-        contacts: has_obstacles.then(|| {
+        contacts: touches.then(|| {
             let contacts = stepper.contacts().iter();
             (contacts.map(|contact| ContactJson::of(contact, &scene))).collect()
         }),
@@ -241,7 +241,7 @@ struct PathFile {
 
 impl PathFile {
     fn create(file: &Path, robot: &Robot, scene: &Scene) -> anyhow::Result<Self> {
-        let has_forces = !scene.obstacles().is_empty();
+        let has_forces = !scene.is_empty();
         let created = AtomicFile::create(file)
             .with_context(|| format!("cannot create {}", file.display()))?;
         let mut path = Self {
@@ -275,6 +275,9 @@ impl PathFile {
             let mut forces = vec![Vector3::zeros(); stepper.robot().discs().len()];
             for contact in stepper.contacts() {
                 forces[contact.disc] += contact.force;
+                if let Some(other) = contact.partner.disc() {
+                    forces[other] -= contact.force;
+                }
             }
             for force in forces {
                 let _ = write!(row, ",{},{},{}", force.x, force.y, force.z);

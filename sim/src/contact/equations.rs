@@ -29,7 +29,7 @@ const MAX_STIFFENINGS: usize = 25;
 /// Gap within which a contact counts, as a share of the radius of the largest disc's beads.
 pub(super) const REACH: f64 = 0.5;
 /// The same of the robot's contacts with itself.
-const OWN_REACH: f64 = 0.1;
+pub(super) const OWN_REACH: f64 = 0.1;
 
 /// Share of a position that is rounding.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;

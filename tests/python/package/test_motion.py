@@ -314,3 +314,37 @@ def test_a_start_that_does_not_settle_is_a_failure_of_its_row(robot: package.Rob
     twist = package.Loads(wrenches=(package.Wrench(9, moment=(10.0, 0.0, 0.0)),))
     with pytest.raises(NotSettledError):
         package.MovingRobot(robot).reset(robot.mean_command, twist)
+
+
+def test_servos_follow_late_hold_lengths_and_keep_on_when_pickled(tmp_path: Path) -> None:
+    spec = package.Robot("2m").to_dict()
+
+    def with_tendons(name: str, **fields: Any) -> Path:
+        file = tmp_path / name
+        for module in spec["modules"]:
+            module["tendons"] |= fields
+        file.write_text(json.dumps(spec))
+        return file
+
+    late = with_tendons("late.json", servo={"lag": 0.05, "rate": 0.1})
+    file = with_tendons("servos.json", drive="length", pull="tension_only", range=[0.0, 0.2])
+    robot = package.Robot(file)
+    moving = package.MovingRobot(robot)
+    straight = moving.lengths + [0, 5e-3, 5e-3, 5e-3, 5e-3, 5e-3]
+    moving.start_at(package.State.straight(robot), straight)
+    goal = straight - [2e-3, 0, 0, 0, 0, 0]
+    for _ in range(10):
+        moving.step(goal)
+    # The lag's closed form; its rate is below the largest.
+    expected = goal[0] + 2e-3 * np.exp(-10 * 0.002 / 0.05)
+    assert abs(moving.acting[0] - expected) < 1e-12
+    # It pulls and does not push: the robot may fall to where it is slack.
+    assert 0.08 < moving.lengths[0] < expected + 1e-5
+    other = pickle.loads(pickle.dumps(moving))
+    for one in (moving, other):
+        one.step(goal)
+    assert np.array_equal(moving.velocity, other.velocity) and np.array_equal(moving.acting, other.acting)
+    with pytest.raises(DynamicsError, match="only steps by"):
+        package.MovingRobot(robot, integrator="runge-kutta4")
+    with pytest.raises(DynamicsError, match="follows its commands late"):
+        package.linearise(late, package.State.straight(package.Robot(late)), package.Robot(late).mean_command)

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::super::Partner;
 use super::super::near::Near;
 use super::ContactStepper;
 use super::law::{ContactLaw, Push};
@@ -27,11 +28,47 @@ impl ContactStepper {
             }
             self.problem.touches.push(touch);
         }
+        self.add_pairs();
         let h = self.stepper.timestep();
         let Problem {
             movables, touches, ..
         } = &mut self.problem;
         self.objects.add_meetings(h, movables, touches);
+    }
+
+    /// Adds the beads of discs that are near each other, which touch without friction.
+    fn add_pairs(&mut self) {
+        let h = self.stepper.timestep();
+        let (Some(own), ContactLaw::Compliant { relaxation }) = (&self.own, self.law) else {
+            return;
+        };
+        let centres = &self.centres;
+        let touches = own.pairs.near.iter().map(|near| {
+            let ends = [0, 1].map(|end| {
+                let disc = near.beads[end].disc;
+                (disc, near.centres[end] - centres[disc])
+            });
+            let [free, other] = ends.map(|(disc, arm)| self.motions.of(disc, &arm));
+            let free = free - other;
+            Touch {
+                name: Name::Discs(near.beads[0], near.beads[1]),
+                on: Side::Disc(ends[0].0),
+                against: None,
+                other: Some(ends[1]),
+                partner: Partner::Disc(ends[1].0),
+                gap: near.gap,
+                gradient: near.normal,
+                normal: near.normal,
+                arm: ends[0].1,
+                push: Push::compliant(near.gap, own.compliance, relaxation, h),
+                friction: 0.0,
+                bound: 0.0,
+                free,
+                velocity: free,
+                impulse: Vector3::zeros(),
+            }
+        });
+        self.problem.touches.extend(touches);
     }
 
     /// Where a bead is nearest to the surface that it is near (m).
@@ -72,7 +109,8 @@ impl ContactStepper {
             name: Name::Bead(near.bead, near.obstacle),
             on: Side::Disc(disc),
             against: None,
-            obstacle: near.obstacle,
+            other: None,
+            partner: Partner::Obstacle(near.obstacle),
             gap: near.gap,
             gradient: near.normal,
             normal,

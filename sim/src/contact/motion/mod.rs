@@ -9,6 +9,7 @@ mod coupled;
 mod gather;
 mod law;
 mod objects;
+mod pairs;
 mod problem;
 mod response;
 mod start;
@@ -22,14 +23,15 @@ use self::objects::Objects;
 use self::problem::Problem;
 use self::response::{StepResponse, mobilities_of};
 use self::touch::{DiscVelocities, Opposite, Side};
-use super::equations::REACH;
+use super::equations::{OWN_REACH, REACH};
 use super::law::STIFFEST;
 use super::near::Neighbourhood;
-use super::{Activity, Contact, Partner};
+use super::near_pairs::PairNeighbourhood;
+use super::{Activity, Contact};
 use crate::dynamics::{DynamicsError, Energy, Resistance, State, Stepper};
 use crate::geometry::Beads;
 use crate::robot::{Command, Loads, Robot};
-use crate::scene::Scene;
+use crate::scene::{Scene, SelfContact};
 
 /// Gap within which contacts count in any step, as a share of that at rest.
 const LEAST: f64 = 0.02;
@@ -37,7 +39,8 @@ const LEAST: f64 = 0.02;
 const MAX_REACHES: usize = 6;
 
 /// Moves states of one robot among the obstacles of one scene. Those with a mass move along: they are the stepper's [`objects`].
-/// The others stay where they are. In a scene without obstacles this is the [`Stepper`] that it is made of, to the last bit.
+/// The others stay where they are. Discs of the robot touch each other, too, but neighbours, as the scene's
+/// [`SelfContact`] says. In a scene without either this is the [`Stepper`] that it is made of, to the last bit.
 ///
 /// [`objects`]: Self::objects
 ///
@@ -73,6 +76,8 @@ pub struct ContactStepper {
     mobilities: Vec<f64>,
     objects: Objects,
     neighbourhood: Neighbourhood,
+    /// How the robot touches itself.
+    own: Option<OwnContacts>,
     problem: Problem,
     /// Centres of the joints at the begin of the step (m).
     centres: Vec<Vector3<f64>>,
@@ -86,6 +91,29 @@ pub struct ContactStepper {
     motions: DiscVelocities,
     contacts: Vec<Contact>,
     unsolved: usize,
+}
+
+/// What discs of the robot are near each other, and how they give way.
+#[derive(Clone, Debug)]
+struct OwnContacts {
+    pairs: PairNeighbourhood,
+    /// Compliance (m/N).
+    compliance: f64,
+}
+
+impl OwnContacts {
+    /// Of a robot that touches itself in a scene, under a law that knows of that.
+    fn new(robot: &Robot, scene: &Scene, law: ContactLaw, beads: &Beads) -> Option<Self> {
+        let (SelfContact::Touching { compliance }, ContactLaw::Compliant { .. }) =
+            (scene.self_contact(), law)
+        else {
+            return None;
+        };
+        let discs = 0..robot.discs().len();
+        let widest = discs.map(|disc| beads.enclosing(disc)).fold(0.0, f64::max);
+        let pairs = PairNeighbourhood::new(robot, beads, OWN_REACH * widest);
+        Some(Self { pairs, compliance })
+    }
 }
 
 impl ContactStepper {
@@ -112,7 +140,8 @@ impl ContactStepper {
     ) -> Result<Self, DynamicsError> {
         let n = stepper.robot().discs().len();
         let mut mobilities = Vec::new();
-        if !scene.obstacles().is_empty() {
+        let own = OwnContacts::new(stepper.robot(), scene, law, &beads);
+        if !scene.obstacles().is_empty() || own.is_some() {
             stepper.check_reacting()?;
             if let Some(tendon) = stepper.first_held() {
                 return Err(DynamicsError::Inextensible { tendon });
@@ -136,6 +165,7 @@ impl ContactStepper {
             mobilities,
             objects,
             neighbourhood: Neighbourhood::default(),
+            own,
             problem: Problem::default(),
             centres: Vec::with_capacity(n),
             free: zeros.clone(),
@@ -197,7 +227,7 @@ impl ContactStepper {
     ) -> Result<(), DynamicsError> {
         self.contacts.clear();
         self.problem.touches.clear();
-        if self.scene.obstacles().is_empty() {
+        if self.scene.obstacles().is_empty() && self.own.is_none() {
             return self.stepper.step(state, command, loads);
         }
         self.stepper.begin(state, command, loads)?;
@@ -237,6 +267,12 @@ impl ContactStepper {
                 let compliance = self.scene.obstacles()[near.obstacle].compliance;
                 energy.potential += 0.5 * near.gap.min(0.0).powi(2) / compliance.max(STIFFEST);
             }
+            if let Some(own) = &mut self.own {
+                own.pairs.find(beads, chain, 0.0);
+                for near in &own.pairs.near {
+                    energy.potential += 0.5 * near.gap.powi(2) / own.compliance.max(STIFFEST);
+                }
+            }
         }
         Ok(energy)
     }
@@ -265,6 +301,10 @@ impl ContactStepper {
             let chain = &self.stepper.posture().chain;
             let (beads, scene) = (&self.beads, &self.scene);
             self.neighbourhood.find(beads, scene, chain, reach);
+            if let Some(own) = &mut self.own {
+                // Both discs of a pair may come nearer.
+                own.pairs.find(beads, chain, 2.0 * reach);
+            }
             self.motions.set(&self.centres, &self.free);
             self.set_touches();
             if self.problem.touches.is_empty() {
@@ -324,9 +364,12 @@ impl ContactStepper {
             if let Some(Opposite { object, arm }) = &touch.against {
                 velocity -= self.problem.movables.all[*object].velocity(arm);
             }
+            if let Some((other, arm)) = &touch.other {
+                velocity -= self.motions.of(*other, arm);
+            }
             self.contacts.push(Contact {
                 disc,
-                partner: Partner::Obstacle(touch.obstacle),
+                partner: touch.partner,
                 point: chain.centres[disc] + touch.arm,
                 normal: touch.normal,
                 gap: touch.gap + h * touch.gradient.dot(&velocity),

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::super::Partner;
 use super::ContactStepper;
 use super::coupled::{Movable, Movables};
 use super::law::Push;
@@ -169,7 +170,8 @@ fn touch_of(meeting: &Meeting, timestep: f64, movables: &Movables) -> Option<Tou
         name: Name::Objects(meeting.object, meeting.other),
         on: Side::Object(place),
         against,
-        obstacle: movable.body.obstacle,
+        other: None,
+        partner: Partner::Obstacle(movable.body.obstacle),
         gap: meeting.gap,
         gradient: meeting.normal,
         normal: meeting.normal,

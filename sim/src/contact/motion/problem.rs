@@ -14,6 +14,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::bounds::Bounds;
 use super::coupled::{Movables, Responds};
+use super::pairs::{Pairs, WithPairs};
 use super::touch::{DiscVelocities, Response, Side, Touch};
 use crate::dynamics::Reaction;
 
@@ -45,6 +46,8 @@ pub(super) struct Problem {
     spatial: DiscVelocities,
     /// The objects that contacts are with.
     pub movables: Movables,
+    /// The contacts of discs with each other.
+    pairs: Pairs,
     /// What each contact does at its velocity.
     laws: Vec<Response>,
     /// Bounds of friction as they follow the normal impulses.
@@ -160,19 +163,26 @@ impl Problem {
         self.laws.clear();
         for touch in &self.touches {
             let response = touch.response();
-            if let (Side::Disc(disc), true) = (touch.on, response.acts()) {
+            // What acts on two discs follows below.
+            if let (Side::Disc(disc), None, true) = (touch.on, touch.other, response.acts()) {
                 let Response { impulse, inertance } = &response;
                 let at_rest = impulse + inertance * (touch.velocity - touch.free);
                 self.reactions[disc].push(&touch.arm, &at_rest, inertance);
             }
             self.laws.push(response);
         }
-        if self.movables.all.is_empty() {
-            robot.respond(&self.reactions, &mut self.trial);
+        self.pairs.take(&self.touches, &self.laws);
+        if self.pairs.are_none() {
+            self.respond(centres, robot);
         } else {
-            robot.respond_keeping(&self.reactions, &mut self.trial);
-            let contacts = (&self.touches[..], &self.laws[..]);
-            (self.movables).couple(contacts, centres, &mut self.trial, robot);
+            let mut pairs = std::mem::take(&mut self.pairs);
+            let mut robot = WithPairs {
+                robot,
+                pairs: &mut pairs,
+                centres,
+            };
+            self.respond(centres, &mut robot);
+            self.pairs = pairs;
         }
         self.spatial.set(centres, &self.trial);
         for (number, (touch, law)) in self.touches.iter().zip(&self.laws).enumerate() {
@@ -180,9 +190,23 @@ impl Problem {
             if let Side::Disc(disc) = touch.on {
                 there += self.spatial.of(disc, &touch.arm);
             }
+            if let Some((disc, arm)) = &touch.other {
+                there -= self.spatial.of(*disc, arm);
+            }
             let velocity = there - touch.velocity;
             let next = law.impulse - law.inertance * velocity;
             self.steps.push([velocity, next - touch.impulse]);
+        }
+    }
+
+    /// Writes what the linearised impulses change of the rates.
+    fn respond(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) {
+        if self.movables.all.is_empty() {
+            robot.respond(&self.reactions, &mut self.trial);
+        } else {
+            robot.respond_keeping(&self.reactions, &mut self.trial);
+            let contacts = (&self.touches[..], &self.laws[..]);
+            (self.movables).couple(contacts, centres, &mut self.trial, robot);
         }
     }
 
@@ -230,6 +254,9 @@ impl Problem {
         for touch in self.touches.iter().filter(|touch| touch.acts()) {
             if let Side::Disc(disc) = touch.on {
                 self.reactions[disc].push(&touch.arm, &touch.impulse, &Matrix3::zeros());
+            }
+            if let Some((disc, arm)) = &touch.other {
+                self.reactions[*disc].push(arm, &-touch.impulse, &Matrix3::zeros());
             }
         }
         &self.reactions

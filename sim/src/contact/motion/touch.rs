@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::super::Sliding;
+use super::super::{Partner, Sliding};
 use super::law::Push;
 use crate::geometry::Bead;
 
@@ -24,6 +24,7 @@ pub(super) enum Side {
 pub(super) enum Name {
     Bead(Bead, usize),
     Objects(usize, Option<usize>),
+    Discs(Bead, Bead),
 }
 
 /// The object that a contact acts on the other way, by its place in the problem, and where, from its centre of mass (m).
@@ -40,8 +41,10 @@ pub(super) struct Touch {
     /// What the impulse acts on, and which object the opposite one acts on, if any.
     pub on: Side,
     pub against: Option<Opposite>,
-    /// The obstacle that a disc touches.
-    pub obstacle: usize,
+    /// The other disc that the opposite impulse acts on, if any, and where, from the centre of its joint (m).
+    pub other: Option<(usize, Vector3<f64>)>,
+    /// What a disc touches.
+    pub partner: Partner,
     /// Gap (m) at the begin of the step, and its gradient by the bead's centre.
     pub gap: f64,
     pub gradient: Vector3<f64>,

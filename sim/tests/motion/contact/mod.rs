@@ -2,6 +2,7 @@
 
 mod friction;
 mod hostile;
+mod itself;
 mod rest;
 #[path = "../../statics/contact/scenes.rs"]
 mod scenes;
