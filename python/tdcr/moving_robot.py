@@ -25,7 +25,7 @@ class MovingRobot:
         dt: Time step (s). One that is too long for the robot is refused by the first :meth:`step`, or by :meth:`reset`.
         integrator: How a step is taken.
         frame_skip: Time steps for which a command holds.
-        scene: Obstacles around the robot, which have friction. Those with a mass move: they are :attr:`objects`. The integrator
+        scene: Obstacles around the robot, which have friction, and how its discs touch each other. Those with a mass move: they are :attr:`objects`. The integrator
             is one of the two of first order.
     """
 
@@ -61,8 +61,8 @@ class MovingRobot:
         self._native.reset(self._take(command), one_load(loads, payload)._native)
 
     def start_at(self, state: State, command: Any = None) -> None:
-        """Starts anew in a state, objects where the scene has them and servos come to ``command``. Until the next step, tensions are those under ``command``;
-        under the mean one if it is not given."""
+        """Starts anew in a state, objects where the scene has them and servos come to ``command``. Until the next step, tensions
+        are those under ``command``; under the mean one if it is not given."""
         configuration, velocity = one_state(self.robot, state)
         self._native.start_at(configuration, velocity, self._take(self.robot.mean_command if command is None else command))
 
@@ -119,14 +119,14 @@ class MovingRobot:
 
     @property
     def tensions(self) -> Floats:
-        """Tension of each tendon, shape (t,), positive when it pulls (N). Where a length is commanded of an inextensible tendon, that
-        of the last time step; 0 before the first from a state."""
+        """Tension of each tendon, shape (t,), positive when it pulls (N). Where a length is commanded of an inextensible tendon,
+        that of the last time step; 0 before the first from a state."""
         return self._native.tensions
 
     @property
     def acting(self) -> Floats:
-        """The command that acts on the tendons, shape (t,) (m or N): the last one given, unless the robot file has servos with a lag
-        or a largest rate, which follow it late."""
+        """The command that acts on the tendons, shape (t,) (m or N): the last one given, unless the robot file has servos with a
+        lag or a largest rate, which follow it late."""
         return self._native.acting
 
     @property

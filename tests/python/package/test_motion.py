@@ -330,7 +330,7 @@ def test_servos_follow_late_hold_lengths_and_keep_on_when_pickled(tmp_path: Path
     file = with_tendons("servos.json", drive="length", pull="tension_only", range=[0.0, 0.2])
     robot = package.Robot(file)
     moving = package.MovingRobot(robot)
-    straight = moving.lengths + [0, 5e-3, 5e-3, 5e-3, 5e-3, 5e-3]
+    straight = moving.lengths + np.array([0, 5e-3, 5e-3, 5e-3, 5e-3, 5e-3])
     moving.start_at(package.State.straight(robot), straight)
     goal = straight - [2e-3, 0, 0, 0, 0, 0]
     for _ in range(10):
