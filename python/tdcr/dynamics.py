@@ -202,8 +202,8 @@ def simulate(
         dt: Time step (s).
         integrator: How a step is taken.
         frame_skip: Time steps for which each command holds.
-        scene: Obstacles around the robot, which have friction, and how its discs touch each other. Those with a mass move, from where the scene has them. The
-            integrator is one of the two of first order.
+        scene: Obstacles around the robot, which have friction, and how its discs touch each other. Those with a mass move, from
+            where the scene has them. The integrator is one of the two of first order.
         progress: Is called with the number of commands done since its last call, as ``tqdm(total=T).update``.
 
     Raises:

@@ -25,8 +25,8 @@ class MovingRobot:
         dt: Time step (s). One that is too long for the robot is refused by the first :meth:`step`, or by :meth:`reset`.
         integrator: How a step is taken.
         frame_skip: Time steps for which a command holds.
-        scene: Obstacles around the robot, which have friction, and how its discs touch each other. Those with a mass move: they are :attr:`objects`. The integrator
-            is one of the two of first order.
+        scene: Obstacles around the robot, which have friction, and how its discs touch each other. Those with a mass move: they
+            are :attr:`objects`. The integrator is one of the two of first order.
     """
 
     def __init__(
