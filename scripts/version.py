@@ -19,6 +19,7 @@ PLACES = {
         r'(\ntdcr[a-z-]* = \{ path = "[^"]+", version = "=)([^"]+)(" \})',
     ],
     "CITATION.cff": [r"(\nversion: )(\S+)()"],
+    "python/plugins/cosseratbench_tdcr/pyproject.toml": [r'(\nversion = ")([^"]+)(")'],
     "python/plugins/lerobot_robot_tdcr/pyproject.toml": [r'(\nversion = ")([^"]+)(")'],
 }
 
