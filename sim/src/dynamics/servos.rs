@@ -8,7 +8,7 @@ use crate::robot::{Command, Robot, ServoSpec};
 /// use tdcr_sim::dynamics::Servos;
 /// use tdcr_sim::robot::{Robot, RobotSpec, ServoSpec};
 ///
-/// let mut spec = RobotSpec::standard("2m")?;
+/// let mut spec = RobotSpec::standard("2m").expect("a standard robot");
 /// for tendon in spec.tendon_specs_mut() {
 ///     tendon.servo = Some(ServoSpec { lag: 0.05, ..ServoSpec::default() });
 /// }
