@@ -1,7 +1,10 @@
 //! Serial ports: USB adapters such as the U2D2, and pseudo-terminals.
 
-use std::fs::{self, File, TryLockError};
+use std::fs;
+#[cfg(unix)]
+use std::fs::{File, TryLockError};
 use std::io;
+#[cfg(unix)]
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -106,6 +109,7 @@ fn found(available: &[PathBuf]) -> String {
 pub struct Serial {
     port: SerialPort,
     /// Holds the lock.
+    #[cfg(unix)]
     _lock: File,
     path: PathBuf,
     settings: SerialSettings,
@@ -166,13 +170,18 @@ impl Serial {
         };
         let mut port = SerialPort::open(path, configure).map_err(explain)?;
         port.set_write_timeout(WRITE_TIMEOUT).map_err(explain)?;
-        let lock = File::from(port.as_fd().try_clone_to_owned().map_err(explain)?);
-        lock.try_lock().map_err(|error| match error {
-            TryLockError::WouldBlock => SerialError::Busy {
-                path: path.to_owned(),
-            },
-            TryLockError::Error(error) => explain(error),
-        })?;
+        // Elsewhere ports are opened by one program at a time.
+        #[cfg(unix)]
+        let lock = {
+            let lock = File::from(port.as_fd().try_clone_to_owned().map_err(explain)?);
+            lock.try_lock().map_err(|error| match error {
+                TryLockError::WouldBlock => SerialError::Busy {
+                    path: path.to_owned(),
+                },
+                TryLockError::Error(error) => explain(error),
+            })?;
+            lock
+        };
         // The path may be a link, such as those in /dev/serial/by-id.
         let device = fs::canonicalize(path).map_err(explain)?;
         let latency_timer = LatencyTimer::read(Path::new(ADAPTERS), &device);
@@ -181,6 +190,7 @@ impl Serial {
         }
         Ok(Self {
             port,
+            #[cfg(unix)]
             _lock: lock,
             path: path.to_owned(),
             settings,

@@ -3,9 +3,16 @@
 use std::path::Path;
 
 /// Bytes that are free on the disk of a file or folder that is there; `None` where the operating system does not say.
+#[cfg(unix)]
 pub fn free_space(path: &Path) -> Option<u64> {
     let disk = rustix::fs::statvfs(path).ok()?;
     disk.f_bavail.checked_mul(disk.f_frsize)
+}
+
+/// Not known here.
+#[cfg(not(unix))]
+pub fn free_space(_: &Path) -> Option<u64> {
+    None
 }
 
 /// Tells, now and then, whether a file may grow.

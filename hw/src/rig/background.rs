@@ -1,12 +1,12 @@
 //! Recording the empty scene, against which masks tell the robot.
 
 use std::fs::{self, File};
+use std::io;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use rustix::io::Errno;
 use tdcr_base::files::TEMPORARY;
 use tdcr_sim::render::Visuals;
 
@@ -105,7 +105,7 @@ fn must_be_free(path: &Path) -> Result<(), LogError> {
         Err(_) => Ok(()),
         Ok(_) => Err(LogError::File {
             path: path.to_owned(),
-            source: Errno::EXIST.into(),
+            source: io::Error::new(io::ErrorKind::AlreadyExists, "File exists"),
         }),
     }
 }

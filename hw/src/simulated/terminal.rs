@@ -1,8 +1,6 @@
 //! The simulated line on a pseudo-terminal, for programs that open serial ports.
 
-use std::fs::read_link;
 use std::io;
-use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -30,14 +28,13 @@ impl Terminal {
     /// # Errors
     /// The operating system's.
     pub fn open(baud_rate: u32) -> io::Result<Self> {
-        let (mut ours, mut theirs) = SerialPort::pair()?;
+        let (mut ours, mut theirs, path) = pair()?;
         let mut settings = theirs.get_configuration()?;
         settings.set_raw();
         settings.set_baud_rate(baud_rate)?;
         theirs.set_configuration(&settings)?;
         // What nobody reads is lost, as on a serial port.
         ours.set_write_timeout(Duration::ZERO)?;
-        let path = read_link(format!("/proc/self/fd/{}", theirs.as_raw_fd()))?;
         Ok(Self { ours, theirs, path })
     }
 
@@ -101,6 +98,23 @@ impl Terminal {
             read => read,
         }
     }
+}
+
+/// Both ends of a new pseudo-terminal, and the path of the second.
+#[cfg(unix)]
+fn pair() -> io::Result<(SerialPort, SerialPort, PathBuf)> {
+    use std::os::fd::AsRawFd;
+
+    let (ours, theirs) = SerialPort::pair()?;
+    let path = std::fs::read_link(format!("/proc/self/fd/{}", theirs.as_raw_fd()))?;
+    Ok((ours, theirs, path))
+}
+
+/// There are none.
+#[cfg(not(unix))]
+fn pair() -> io::Result<(SerialPort, SerialPort, PathBuf)> {
+    let message = "there are no pseudo-terminals on this system, expected Linux";
+    Err(io::Error::new(io::ErrorKind::Unsupported, message))
 }
 
 fn is_idle(error: &io::Error) -> bool {
