@@ -37,9 +37,9 @@ class Pictures:
     def fingerprint(self) -> str:
         """A hash of the names and sizes of all files."""
         found = hashlib.sha256()
-        for folder in (self.masks, self.frames):
-            for file in sorted(folder.glob("camera*/*.png")) if folder else []:
-                found.update(f"{file.relative_to(folder)} {file.stat().st_size}\n".encode())  # type: ignore[arg-type]
+        for folder in filter(None, (self.masks, self.frames)):
+            for file in sorted(folder.glob("camera*/*.png")):
+                found.update(f"{file.relative_to(folder)} {file.stat().st_size}\n".encode())
         return found.hexdigest()
 
     def read(self, folder: str | Path, split: SplitName = "train", size: int = PIXELS) -> Views:
