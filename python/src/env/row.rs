@@ -260,6 +260,7 @@ impl Row {
                 out.push(moving.taken().map_or(-1.0, |taken| taken as f64));
                 out.extend(flat_quaternions(&moving.state().configuration.0));
                 out.extend(&moving.state().velocity);
+                out.extend(moving.acting().as_slice());
             }
         }
         out
@@ -307,11 +308,9 @@ impl Row {
                     configuration: Configuration(tape.quaternions(n)),
                     velocity: tape.take(3 * n).to_vec(),
                 };
-                moving.resume_at(
-                    &state,
-                    &self.command,
-                    (taken >= 0.0).then_some(taken as u64),
-                )?;
+                // Servos that follow late are not where the command is.
+                let acting = self.robot.command(tape.take(t))?;
+                moving.resume_at(&state, &acting, (taken >= 0.0).then_some(taken as u64))?;
             }
         }
         Ok(())

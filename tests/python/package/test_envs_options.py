@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -251,3 +254,21 @@ def test_a_rig_has_no_ranges_and_takes_no_starts() -> None:
         env.reset(options={"start": np.zeros(6)})
     with pytest.raises(InputError, match="surroundings stay as they are"):
         make("ReachObstacle2m", rig=rig, observation="tip")
+
+
+def test_copies_have_their_late_servos_where_they_are(tmp_path: Path) -> None:
+    spec = tdcr.Robot("2m").to_dict()
+    for module in spec["modules"]:
+        module["tendons"]["servo"] = {"lag": 0.2}
+    file = tmp_path / "late.json"
+    file.write_text(json.dumps(spec))
+    env = make(robot=str(file), dynamics=True)
+    # A copy before the first reset has no time yet.
+    fresh = copy.deepcopy(env)
+    for one in (env, fresh):
+        one.reset(seed=1)
+        one.step(np.ones(6))
+    for other in (copy.deepcopy(env), pickle.loads(pickle.dumps(env)), fresh):
+        expected = copy.deepcopy(env)
+        for action in actions_of(env):
+            assert data_equivalence(other.step(action), expected.step(action), exact=True)
