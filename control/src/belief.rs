@@ -134,6 +134,11 @@ impl Belief {
         &self.robot
     }
 
+    /// The loads that are known of.
+    pub fn loads(&self) -> &Loads {
+        &self.loads
+    }
+
     /// What is unknown.
     pub fn unknowns(&self) -> &[Unknown] {
         &self.unknowns

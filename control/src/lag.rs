@@ -31,30 +31,25 @@ const KEPT: f64 = 0.99;
 /// A delay takes the place of another where it leaves less than this share of the other's squares.
 const BETTER: f64 = 0.3;
 
-/// Tells the delay `d` from the tip's steps: that which leaves the least of `Σ |p_k - p_(k-1) - (m_(k-1-d) - m_(k-2-d))|²`, `p_k` the tip as
-/// measured at period `k` and `m_k` the model's under the command given then; older periods count less.
+/// Which delay is the true one, by the squares that each leaves.
 #[derive(Clone, Debug)]
-pub(crate) struct Lag {
-    delay: Delay,
+pub(crate) struct DelayChoice {
     now: usize,
-    /// For each delay the sum of squares (m²).
+    /// For each delay that it may be, the sum of squares (m²).
     left: Vec<f64>,
-    /// Of the model's tip: its steps by the last commands, the newest first (m).
-    steps: VecDeque<Vector3<f64>>,
-    last_tip: Option<Vector3<f64>>,
+    may_change: bool,
 }
 
-impl Lag {
+impl DelayChoice {
     pub fn new(delay: Delay) -> Self {
+        let (now, may_change) = match delay {
+            Delay::Known(periods) => (periods, false),
+            Delay::Estimated { .. } => (0, true),
+        };
         Self {
-            delay,
-            now: match delay {
-                Delay::Known(periods) => periods,
-                Delay::Estimated { .. } => 0,
-            },
+            now,
             left: vec![0.0; delay.most() + 1],
-            steps: VecDeque::new(),
-            last_tip: None,
+            may_change,
         }
     }
 
@@ -63,18 +58,13 @@ impl Lag {
         self.now
     }
 
-    /// Takes in where the tip is measured now; before the command of this period.
-    pub fn measure(&mut self, tip: Option<Vector3<f64>>) {
-        let step = tip.zip(self.last_tip).map(|(tip, last)| tip - last);
-        self.last_tip = tip;
-        let Delay::Estimated { most } = self.delay else {
+    /// Takes in what each delay leaves in this period (m²), the shortest delay's first; older periods count less.
+    pub fn weigh(&mut self, squares: impl IntoIterator<Item = f64>) {
+        if !self.may_change {
             return;
-        };
-        let (Some(step), true) = (step, self.steps.len() > most) else {
-            return;
-        };
-        for (left, expected) in self.left.iter_mut().zip(&self.steps) {
-            *left = KEPT * *left + (step - expected).norm_squared();
+        }
+        for (left, square) in self.left.iter_mut().zip(squares) {
+            *left = KEPT * *left + square;
         }
         let best = (0..self.left.len()).min_by(|&a, &b| self.left[a].total_cmp(&self.left[b]));
         if let Some(best) = best
@@ -83,11 +73,49 @@ impl Lag {
             self.now = best;
         }
     }
+}
+
+/// Tells the delay `d` from the tip's steps, the robot at rest at every period: that which leaves the least of
+/// `Σ |p_k - p_(k-1) - (m_(k-1-d) - m_(k-2-d))|²`, `p_k` the tip as measured at period `k` and `m_k` the model's under the command given then.
+#[derive(Clone, Debug)]
+pub(crate) struct Lag {
+    choice: DelayChoice,
+    /// Delays that it may be.
+    delays: usize,
+    /// Of the model's tip: its steps by the last commands, the newest first (m).
+    steps: VecDeque<Vector3<f64>>,
+    last_tip: Option<Vector3<f64>>,
+}
+
+impl Lag {
+    pub fn new(delay: Delay) -> Self {
+        Self {
+            choice: DelayChoice::new(delay),
+            delays: delay.most() + 1,
+            steps: VecDeque::new(),
+            last_tip: None,
+        }
+    }
+
+    /// The delay in periods, as far as is known.
+    pub fn periods(&self) -> usize {
+        self.choice.periods()
+    }
+
+    /// Takes in where the tip is measured now; before the command of this period.
+    pub fn measure(&mut self, tip: Option<Vector3<f64>>) {
+        let step = tip.zip(self.last_tip).map(|(tip, last)| tip - last);
+        self.last_tip = tip;
+        if let (Some(step), true) = (step, self.steps.len() == self.delays) {
+            let left = |expected: &Vector3<f64>| (step - expected).norm_squared();
+            self.choice.weigh(self.steps.iter().map(left));
+        }
+    }
 
     /// Takes in by how much the model's tip moves with this period's command (m).
     pub fn command(&mut self, step: Vector3<f64>) {
         self.steps.push_front(step);
-        self.steps.truncate(self.delay.most() + 1);
+        self.steps.truncate(self.delays);
     }
 }
 

@@ -304,10 +304,12 @@ impl<'s> Run<'s> {
         let mut next = now.clone();
         if held.is_none() || !is_closed_loop {
             let mut moment = Moment {
+                time,
                 period: self.period,
                 tip: tip.unwrap_or_else(|| target(0)),
                 target,
                 lead: 1 + self.lag.periods(),
+                delay: self.settings.delay,
                 estimated: self.estimator.belief(),
                 given: &mut self.given,
                 command: &now,
@@ -348,7 +350,7 @@ impl<'s> Run<'s> {
             command: next,
             tensions: measurement.tensions.clone(),
             estimated: self.estimator.estimated(),
-            delay: self.lag.periods(),
+            delay: (controller.delay()).unwrap_or(self.lag.periods()),
             held,
         })
     }

@@ -102,7 +102,7 @@ def track(
         plant: A robot of one's own, or a :class:`Rig`, whose robot is ``robot``: it moves within the rig's limits, is seen by its
             cameras, and its tension is released at the end. Without one it is simulated, and differs from the model as the
             arguments from ``truth`` on say; those are for simulated robots only, but for ``payload`` of a simulated rig.
-        controller: ``"inverse"`` (open loop), ``"resolved-rate"`` or ``"mpc"``.
+        controller: ``"inverse"`` (open loop), ``"resolved-rate"``, ``"mpc"``, or ``"moving-mpc"`` for a robot that swings.
         diameter: Width of a curve that is named (m).
         duration: Time in which it is run through (s).
         centre: Its centre, shape (3,) (m); where the robot reaches it unless given.

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use crate::chain::{Chain, Configuration};
-use crate::robot::{Drive, Pull, Robot, Segment, Span, Tendon};
+use crate::robot::{Command, Drive, Pull, Robot, Segment, Span, Tendon};
 
 /// A segment's upper hole from the joint's centre, and what lies between its holes.
 #[derive(Clone, Debug)]
@@ -130,6 +130,17 @@ impl Posture {
 }
 
 impl Robot {
+    /// Tension of each tendon (N) at its length of `lengths` (m) under `command`, and how it grows with the length (N/m). With the command of
+    /// a drive by gain or length it falls as much; of a drive by tension it is the command.
+    pub fn tendon_tensions(&self, lengths: &[f64], command: &Command) -> Vec<[f64; 2]> {
+        let each = self.tendons().iter().zip(lengths).zip(command.as_slice());
+        each.map(|((tendon, &length), &command)| {
+            let state = tendon.state(length, command);
+            [state.tension, state.stiffness]
+        })
+        .collect()
+    }
+
     /// Lengths of the tendons in configuration `q` (m), and their Jacobian by the joint coordinates:
     /// one row per tendon, `3 n` columns (m/rad), turns in the discs' own frames or hinges' angles.
     ///

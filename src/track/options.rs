@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::{Isometry3, Translation3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use tdcr_control::controller::{Controller, Inverse, Predictive, ResolvedRate};
+use tdcr_control::controller::{Controller, Inverse, MovingPredictive, Predictive, ResolvedRate};
 use tdcr_control::plant::{CloudSensor, Truth, TruthError};
 use tdcr_control::tip_path::{Shape, TipPath, TipPathError};
 use tdcr_learn::options::cli::positive;
@@ -76,11 +76,18 @@ pub enum ControllerName {
     ResolvedRate,
     /// Quadratic programs over a quasi-static horizon, offset-free
     Mpc,
+    /// Quadratic programs over a horizon of the robot's motion: for one that swings
+    MovingMpc,
 }
 
 impl ControllerName {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Inverse, Self::ResolvedRate, Self::Mpc];
+    pub const ALL: [Self; 4] = [
+        Self::Inverse,
+        Self::ResolvedRate,
+        Self::Mpc,
+        Self::MovingMpc,
+    ];
 
     /// Its name.
     pub fn name(self) -> &'static str {
@@ -88,6 +95,7 @@ impl ControllerName {
             Self::Inverse => "inverse",
             Self::ResolvedRate => "resolved-rate",
             Self::Mpc => "mpc",
+            Self::MovingMpc => "moving-mpc",
         }
     }
 
@@ -97,6 +105,7 @@ impl ControllerName {
             Self::Inverse => Box::<Inverse>::default(),
             Self::ResolvedRate => Box::<ResolvedRate>::default(),
             Self::Mpc => Box::<Predictive>::default(),
+            Self::MovingMpc => Box::<MovingPredictive>::default(),
         }
     }
 }

@@ -46,6 +46,16 @@ fn a_circle_is_tracked_under_a_payload_that_nobody_knows_of() {
 }
 
 #[test]
+fn a_robot_that_swings_is_led_by_a_model_that_does() {
+    let options = ["--timestep", "0.002", "--period", "0.04", "--rate", "0.5"];
+    let controller = ["--controller", "moving-mpc", "--approach", "1"];
+    let found = tracked(&[&options[..], &controller].concat());
+    assert_eq!(found["delay_periods"], 0);
+    let [closed, open] = ["rms_error", "rms_error_open_loop"].map(|key| number(&found, key));
+    assert!(closed < 1e-3 && open > 5.0 * closed, "{found}");
+}
+
+#[test]
 fn the_open_loop_is_the_run_where_it_is_the_controller() {
     let found = tracked(&["--controller", "inverse", "--payload", "0.01"]);
     assert_eq!(found["rms_error"], found["rms_error_open_loop"]);

@@ -5,34 +5,46 @@
 //! | [`Inverse`] | the command whose equilibrium has the tip at the target | nothing: open loop |
 //! | [`ResolvedRate`] | the Jacobian at the estimated equilibrium | the tip's error, and its integral |
 //! | [`Predictive`] | equilibria and Jacobians over a horizon | the tip's offset from the model |
+//! | [`MovingPredictive`] | the motion over a horizon, linearised | the tip's offset from the model |
 //!
-//! All three take their steps by [`TipStep`]: a damped least-squares step within the bounds of commands, rates and tensions.
+//! The first two take steps by [`TipStep`], a damped least-squares step within the bounds of commands, rates and tensions; the others
+//! solve quadratic programs over a horizon within the same bounds.
 
+mod horizon;
 mod inverse;
+mod moving;
 mod predictive;
 mod resolved_rate;
 mod step;
 
 pub use inverse::Inverse;
+pub use moving::{MovingPredictive, MovingPredictiveSettings};
 pub use predictive::{Predictive, PredictiveSettings};
 pub use resolved_rate::{ResolvedRate, ResolvedRateGains};
 pub use step::{Limits, LimitsError, StepWeights, TipStep};
 
 use nalgebra::Vector3;
+use tdcr_sim::dynamics::DynamicsError;
+use tdcr_sim::robot::CommandError;
 use thiserror::Error;
 
 use crate::belief::{Belief, BeliefError};
+use crate::lag::Delay;
 
 /// What a controller decides on.
 pub struct Moment<'a> {
+    /// When it is (s, from the path's start).
+    pub time: f64,
     /// Time between commands (s).
     pub period: f64,
     /// Where the tip is, as measured, or as the model says from what was measured (m, world frame).
     pub tip: Vector3<f64>,
     /// Where the tip is to be, `periods` from now (m).
     pub target: &'a dyn Fn(usize) -> Vector3<f64>,
-    /// Periods from a command to when the tip follows it: 1, and the delay that is known of.
+    /// Periods from a command to when the tip follows it: 1, and the delay as a robot at rest would have it.
     pub lead: usize,
+    /// What is known of the delay beforehand.
+    pub delay: Delay,
     /// The model with what was estimated.
     pub estimated: &'a mut Belief,
     /// The model as it was given.
@@ -57,6 +69,11 @@ pub trait Controller: Send {
         true
     }
 
+    /// The delay (periods) that it told by a model of its own, if it has one.
+    fn delay(&self) -> Option<usize> {
+        None
+    }
+
     /// The next command (m or N), within the moment's limits.
     ///
     /// # Errors
@@ -71,6 +88,12 @@ pub enum ControlError {
     /// The model says nothing there.
     #[error(transparent)]
     Model(#[from] BeliefError),
+    /// The model's motion says nothing there.
+    #[error(transparent)]
+    Motion(#[from] DynamicsError),
+    /// The command is none of the model's.
+    #[error(transparent)]
+    Command(#[from] CommandError),
     /// The step's program has numbers that are not finite.
     #[error("the step from the command {0:?} has numbers that are not finite")]
     NotFinite(Vec<f64>),

@@ -1,10 +1,9 @@
 //! Model-predictive control over a quasi-static horizon.
 
-use nalgebra::{DMatrix, DVector, Matrix3xX, Vector3};
+use nalgebra::Vector3;
 
-use super::inverse::{length, widths};
+use super::horizon::{Horizon, Prediction, moved_on};
 use super::{ControlError, Controller, Moment, StepWeights};
-use crate::quadratic::QuadraticProgram;
 
 /// How [`Predictive`] looks ahead.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,18 +78,6 @@ impl Predictive {
         };
         self.offset = Some(next);
     }
-
-    /// The commands to improve on: the last plan moved on by a period, or the last command where there is no plan that led to it.
-    fn moved_on(&self, command: &[f64]) -> Vec<Vec<f64>> {
-        let horizon = self.settings.horizon.max(1);
-        match self.plan.first() {
-            Some(first) if first == command && self.plan.len() == horizon => {
-                let last = self.plan[horizon - 1].clone();
-                self.plan[1..].iter().cloned().chain([last]).collect()
-            }
-            _ => vec![command.to_vec(); horizon],
-        }
-    }
 }
 
 impl Controller for Predictive {
@@ -101,165 +88,31 @@ impl Controller for Predictive {
     fn propose(&mut self, moment: &mut Moment<'_>) -> Result<Vec<f64>, ControlError> {
         let model_tip = moment.estimated.tip(moment.acting)?;
         self.observe(moment.tip, model_tip, moment.period);
-        let preferred = &moment.limits.preferred;
         let [offset, rate] = self.offset.unwrap_or_default();
-        let mut plan = self.moved_on(moment.command);
+        let mut plan = moved_on(&self.plan, moment.command, self.settings.horizon);
         for _ in 0..self.settings.programs.max(1) {
-            let mut stages = Vec::with_capacity(plan.len());
+            let mut prediction = Prediction::new(plan.len(), moment.command.len());
             for (i, command) in plan.iter().enumerate() {
                 let ahead = moment.lead + i;
                 let linear = moment.estimated.linearise(command)?;
                 let (tip, jacobian) = linear.tip();
                 let [[slopes, _], _] = linear.tendon_jacobians()?;
                 let expected = tip + offset + rate * (ahead as f64 * moment.period);
-                stages.push(Stage {
-                    wanted: (moment.target)(ahead) - expected,
-                    jacobian,
-                    tensions: linear.equilibrium.tendon_tensions,
-                    slopes,
-                });
+                let mut stage = prediction.stage(i);
+                stage.wanted((moment.target)(ahead) - expected);
+                stage.tip_by(i, jacobian.as_view());
+                stage.tensions(&linear.equilibrium.tendon_tensions);
+                stage.tensions_by(i, slopes.as_view());
             }
-            let program = Horizon {
-                stages: &stages,
+            let horizon = Horizon {
+                prediction,
                 plan: &plan,
-                preferred,
-                widths: &widths(moment),
-                length: length(moment.estimated),
                 weights: self.settings.weights,
+                swing: 0.0,
             };
-            plan = program.improve(moment)?;
+            plan = horizon.improve(moment)?;
         }
-        let bounds = moment.limits.next(moment.command);
-        let first = plan[0].iter().enumerate();
-        let first: Vec<f64> = first
-            .map(|(t, value)| value.clamp(bounds[0][t], bounds[1][t]))
-            .collect();
-        plan[0].clone_from(&first);
         self.plan = plan;
-        Ok(first)
-    }
-}
-
-/// The model about one command of the plan.
-struct Stage {
-    wanted: Vector3<f64>,
-    jacobian: Matrix3xX<f64>,
-    tensions: Vec<f64>,
-    slopes: DMatrix<f64>,
-}
-
-/// The program over the horizon; its variables are the plan's changes in units of the tendons' ranges, stage by stage.
-struct Horizon<'a> {
-    stages: &'a [Stage],
-    plan: &'a [Vec<f64>],
-    preferred: &'a [f64],
-    widths: &'a [f64],
-    length: f64,
-    weights: StepWeights,
-}
-
-impl Horizon<'_> {
-    fn improve(&self, moment: &Moment<'_>) -> Result<Vec<Vec<f64>>, ControlError> {
-        let (hessian, gradient) = self.objective(moment.command);
-        let (rows, bounds) = self.constraints(moment);
-        let program = QuadraticProgram {
-            hessian,
-            gradient,
-            rows,
-            bounds,
-        };
-        let solved = program.solve();
-        let x = solved
-            .ok_or_else(|| ControlError::NotFinite(self.plan[0].clone()))?
-            .x;
-        let n = self.widths.len();
-        let limits = moment.limits;
-        let changed = |(i, command): (usize, &Vec<f64>)| {
-            let value = |t: usize| {
-                let value = command[t] + x[i * n + t] * self.widths[t];
-                value.clamp(limits.low[t], limits.high[t])
-            };
-            (0..n).map(value).collect()
-        };
-        Ok(self.plan.iter().enumerate().map(changed).collect())
-    }
-
-    fn objective(&self, before: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
-        let n = self.widths.len();
-        let size = n * self.stages.len();
-        let mut hessian = DMatrix::zeros(size, size);
-        let mut gradient = DVector::zeros(size);
-        let StepWeights { damping, posture } = self.weights;
-        for (i, stage) in self.stages.iter().enumerate() {
-            let scaled = Matrix3xX::from_fn(n, |row, t| {
-                stage.jacobian[(row, t)] * self.widths[t] / self.length
-            });
-            let square = scaled.transpose() * &scaled;
-            let pull = scaled.tr_mul(&(stage.wanted / self.length));
-            for t in 0..n {
-                let at = i * n + t;
-                for other in 0..n {
-                    hessian[(at, i * n + other)] += square[(t, other)];
-                }
-                let here = self.plan[i][t];
-                hessian[(at, at)] += posture + damping;
-                gradient[at] += posture * (here - self.preferred[t]) / self.widths[t] - pull[t];
-                // The change from the stage before, of which the first is given.
-                let last = i
-                    .checked_sub(1)
-                    .map_or(before[t], |last| self.plan[last][t]);
-                let change = damping * (here - last) / self.widths[t];
-                gradient[at] += change;
-                if i > 0 {
-                    let earlier = at - n;
-                    hessian[(earlier, earlier)] += damping;
-                    hessian[(at, earlier)] -= damping;
-                    hessian[(earlier, at)] -= damping;
-                    gradient[earlier] -= change;
-                }
-            }
-        }
-        (hessian, gradient)
-    }
-
-    /// Rows and bounds: for each stage and tendon its command up and down, its change up and down, its tension up and down.
-    fn constraints(&self, moment: &Moment<'_>) -> (DMatrix<f64>, DVector<f64>) {
-        let n = self.widths.len();
-        let (size, limits) = (n * self.stages.len(), moment.limits);
-        let mut rows = DMatrix::zeros(6 * size, size);
-        let mut bounds = DVector::zeros(6 * size);
-        for (i, stage) in self.stages.iter().enumerate() {
-            let before = i
-                .checked_sub(1)
-                .map_or(moment.command, |last| &self.plan[last]);
-            for (t, (&here, &before)) in self.plan[i].iter().zip(before).enumerate() {
-                let (at, width) = (i * n + t, self.widths[t]);
-                let change = here - before;
-                let room = [
-                    (limits.high[t] - here) / width,
-                    (here - limits.low[t]) / width,
-                    (limits.step[t] - change) / width,
-                    (limits.step[t] + change) / width,
-                    (limits.tension[1] - stage.tensions[t]).min(1e9),
-                    (stage.tensions[t] - limits.tension[0]).min(1e9),
-                ];
-                for (k, room) in room.into_iter().enumerate() {
-                    let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
-                    let row = 6 * at + k;
-                    bounds[row] = room;
-                    if k < 4 {
-                        rows[(row, at)] = sign;
-                    }
-                    if (2..4).contains(&k) && i > 0 {
-                        rows[(row, at - n)] = -sign;
-                    }
-                    for other in (0..n).filter(|_| k >= 4) {
-                        rows[(row, i * n + other)] =
-                            sign * stage.slopes[(t, other)] * self.widths[other];
-                    }
-                }
-            }
-        }
-        (rows, bounds)
+        Ok(self.plan[0].clone())
     }
 }

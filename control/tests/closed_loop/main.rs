@@ -4,6 +4,7 @@
 mod bad_days;
 mod clouds;
 mod estimation;
+mod moving;
 mod paths;
 mod plants;
 mod quadratic;

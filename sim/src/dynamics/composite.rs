@@ -11,7 +11,7 @@
 //! derivatives of the inverse dynamics in O(n²) (in the spirit of Singh, Russell and Wensing, IEEE
 //! Robotics and Automation Letters 7, 2022).
 
-use nalgebra::{Matrix3, Matrix6, Matrix6x3, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Matrix6x3, SMatrix, Vector3, Vector6};
 
 use super::acceleration::EquationsOfMotion;
 use super::links::RigidBody;
@@ -59,6 +59,18 @@ impl Moved {
             rest: cross_motion(&(joint.velocity_below + joint.velocity)) * joint.axes,
         }
     }
+
+    /// `rest` above `velocity`: what [`Composite::force_along`] multiplies.
+    pub fn stacked(&self) -> SMatrix<f64, 12, 3> {
+        one_above_other(&self.rest, &self.velocity)
+    }
+}
+
+fn one_above_other(above: &Matrix6x3<f64>, below: &Matrix6x3<f64>) -> SMatrix<f64, 12, 3> {
+    let mut both = SMatrix::<f64, 12, 3>::zeros();
+    both.fixed_rows_mut::<6>(0).copy_from(above);
+    both.fixed_rows_mut::<6>(6).copy_from(below);
+    both
 }
 
 impl Composite {
@@ -93,6 +105,14 @@ impl Composite {
 
     pub fn force_change(&self, moved: &Moved) -> Matrix6x3<f64> {
         self.inertia * moved.rest + self.coriolis * moved.velocity
+    }
+
+    /// The part of [`force_change`](Self::force_change) along the joint's axes is the transpose of this times [`Moved::stacked`].
+    pub fn force_along(&self) -> SMatrix<f64, 12, 3> {
+        one_above_other(
+            &self.inertia.tr_mul(&self.axes),
+            &self.coriolis.tr_mul(&self.axes),
+        )
     }
 }
 

@@ -5,7 +5,7 @@ use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, MatMut};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-use super::composite::{Moved, cross_with_force};
+use super::composite::{Composite, Moved, cross_with_force};
 use super::expansion::StepExpansion;
 use super::implicit::{in_coordinates, mass_matrix};
 use super::{DynamicsError, State};
@@ -125,20 +125,20 @@ impl Lineariser {
     fn subtract_inertia(&self, forces: &mut Mat<f64>) {
         let dof = self.step.equations.robot.dof();
         let composites = &self.step.composites;
+        let forces_along: Vec<_> = composites.iter().map(Composite::force_along).collect();
         for (j, turned) in composites.iter().enumerate() {
             let by_turn = Moved::by_turn(turned);
             let by_rate = Moved::by_rate(turned);
             let below =
                 turned.force_change(&by_turn) + cross_with_force(&turned.force) * turned.axes;
             let below_rate = turned.force_change(&by_rate);
+            let [by_turn, by_rate] = [by_turn.stacked(), by_rate.stacked()];
             for (i, joint) in composites.iter().enumerate() {
                 let (turn, rate) = if i < j {
                     (joint.axes.tr_mul(&below), joint.axes.tr_mul(&below_rate))
                 } else {
-                    (
-                        joint.axes.tr_mul(&joint.force_change(&by_turn)),
-                        joint.axes.tr_mul(&joint.force_change(&by_rate)),
-                    )
+                    let along = &forces_along[i];
+                    (along.tr_mul(&by_turn), along.tr_mul(&by_rate))
                 };
                 let (row, column) = (3 * joint.joint, 3 * turned.joint);
                 add_block(forces, row, column, &-turn);
@@ -156,9 +156,13 @@ impl Lineariser {
         let columns = accelerations.ncols();
         // v+ = v + h a.
         let mut step = DMatrix::zeros(2 * dof, columns);
-        for column in 0..columns {
-            for row in 0..dof {
-                step[(dof + row, column)] = h * accelerations[(row, column)];
+        for (mut column, accelerations) in step.column_iter_mut().zip(accelerations.col_iter()) {
+            for (rate, acceleration) in column
+                .rows_mut(dof, dof)
+                .iter_mut()
+                .zip(accelerations.iter())
+            {
+                *rate = h * acceleration;
             }
         }
         for row in 0..dof {
@@ -172,14 +176,19 @@ impl Lineariser {
             });
             let hinges = self.step.equations.links[joint].hinges.as_deref();
             let (back, jacobian) = step_jacobians(hinges, &(next * h));
-            let rates = jacobian * h * step.fixed_rows::<3>(dof + rows);
-            step.fixed_rows_mut::<3>(rows).copy_from(&rates);
+            let by_rates = jacobian * h;
+            // Column by column, as products of a small and a wide matrix are slow.
+            for mut column in step.column_iter_mut() {
+                let rates = by_rates * column.fixed_rows::<3>(dof + rows);
+                column.fixed_rows_mut::<3>(rows).copy_from(&rates);
+            }
             let mut own = step.fixed_view_mut::<3, 3>(rows, rows);
             own += back;
         }
+        let b = step.columns(2 * dof, columns - 2 * dof).into_owned();
         Linearisation {
-            a: step.columns(0, 2 * dof).into_owned(),
-            b: step.columns(2 * dof, columns - 2 * dof).into_owned(),
+            a: step.resize_horizontally(2 * dof, 0.0),
+            b,
         }
     }
 }

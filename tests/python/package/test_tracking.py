@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import subprocess
@@ -132,3 +133,11 @@ def test_a_rig_is_led_along_a_circle_as_on_the_command_line() -> None:
     assert run.summary["rms_error_percent"] < 1.5
     assert run.summary["rms_error_open_loop"] is None
     assert run.open_loop is None
+
+
+def test_a_horizon_of_the_motion_does_not_ring() -> None:
+    spec = importlib.util.spec_from_file_location("mpc", EXAMPLES / "python/mpc.py")
+    mpc = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]
+    spec.loader.exec_module(mpc)  # type: ignore[union-attr]
+    beyond = {name: mpc.response(mpc.step(name, 0.0))[1].max() - 1.0 for name in ("inverse", "moving-mpc")}
+    assert beyond["inverse"] > 0.08 and 0.0 < beyond["moving-mpc"] < 0.05
