@@ -2,12 +2,9 @@
 
 use std::io::{ErrorKind, IsTerminal, Read};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
-use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-use rustix::termios::{
-    InputModes, LocalModes, OptionalActions, SpecialCodeIndex, Termios, tcgetattr, tcsetattr,
-};
+use super::terminal::Unbuffered;
 
 /// Keys of the terminal, or characters of a stdin that is none.
 pub(super) struct Keys {
@@ -101,56 +98,6 @@ fn keys_of_terminal(mut bytes: &[u8]) -> Vec<char> {
         };
         keys.push(key);
         bytes = rest;
-    }
-}
-
-/// The mode of the terminal at stdin before keys were read one by one.
-static BEFORE: Mutex<Option<Termios>> = Mutex::new(None);
-
-/// The terminal at stdin, if it is one, gives keys as they are pressed and shows none, until this is dropped. Ctrl-C sends its signal
-/// as ever; those that quit a program, stop it or its output send none: nobody would look after the servos, and the terminal would
-/// stay as it is here.
-struct Unbuffered;
-
-impl Unbuffered {
-    fn begin() -> Self {
-        let stdin = std::io::stdin();
-        // What is no terminal has no mode.
-        if let Ok(before) = tcgetattr(&stdin) {
-            let mut mode = before.clone();
-            mode.local_modes -= LocalModes::ICANON | LocalModes::ECHO;
-            mode.input_modes -= InputModes::IXON;
-            for code in [SpecialCodeIndex::VQUIT, SpecialCodeIndex::VSUSP] {
-                mode.special_codes[code] = DISABLED;
-            }
-            mode.special_codes[SpecialCodeIndex::VMIN] = 1;
-            mode.special_codes[SpecialCodeIndex::VTIME] = 0;
-            if tcsetattr(&stdin, OptionalActions::Now, &mode).is_ok() {
-                *BEFORE.lock().unwrap_or_else(PoisonError::into_inner) = Some(before);
-            }
-        }
-        Self
-    }
-}
-
-/// What a special code is that no key sends (`_POSIX_VDISABLE`).
-const DISABLED: u8 = match cfg!(target_os = "linux") {
-    true => 0,
-    false => 0xff,
-};
-
-impl Drop for Unbuffered {
-    fn drop(&mut self) {
-        restore_terminal();
-    }
-}
-
-/// Puts the terminal at stdin into the mode that it had before keys were read, if any were.
-pub(super) fn restore_terminal() {
-    let before = (BEFORE.lock().unwrap_or_else(PoisonError::into_inner)).take();
-    if let Some(before) = before {
-        // One that is gone has no mode any more.
-        let _ = tcsetattr(std::io::stdin(), OptionalActions::Now, &before);
     }
 }
 

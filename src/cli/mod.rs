@@ -51,6 +51,7 @@ mod settle_many;
 mod signals;
 mod simulate;
 mod study;
+mod terminal;
 mod track;
 mod track_path;
 mod train;

@@ -6,9 +6,8 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use rustix::termios::{QueueSelector, tcflush};
-
 use super::console::say;
+use super::terminal::forget_typed;
 
 /// How often one looks whether the work is to end.
 const POLL: Duration = Duration::from_millis(50);
@@ -17,10 +16,8 @@ const POLL: Duration = Duration::from_millis(50);
 /// What was typed on a terminal before one asks is no answer; lines of a pipe are answers in their order.
 pub(super) fn does(request: &str, ends: impl Fn() -> bool) -> bool {
     let lines = lines().lock().unwrap_or_else(PoisonError::into_inner);
-    let stdin = std::io::stdin();
-    if stdin.is_terminal() {
-        // What was not read yet; of a terminal that cannot be told to, nothing is known.
-        tcflush(&stdin, QueueSelector::IFlush).ok();
+    if std::io::stdin().is_terminal() {
+        forget_typed();
         while lines.try_recv().is_ok() {}
     }
     say(&format!("{request}, then press Enter (Ctrl-C ends)"));
