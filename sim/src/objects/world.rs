@@ -25,6 +25,11 @@ const STIFFNESS: f64 = 1.0;
 /// Damping ratio of contacts: rapier's own, 10, lets them bear a weight only after a dozen milliseconds.
 const DAMPING: f64 = 1.0;
 
+/// Speed (m/s, rad/s) below which objects are at rest, and the number of such steps after which they stay so until something touches
+/// them. One at the top of its flight is as slow in a single step.
+const STILL: f64 = 1e-12;
+const STILL_STEPS: usize = 4;
+
 /// The objects of a scene, and what is fixed in it.
 pub(crate) struct World {
     bodies: Vec<Body>,
@@ -34,6 +39,8 @@ pub(crate) struct World {
     sets: Sets,
     parameters: IntegrationParameters,
     pipeline: PhysicsPipeline,
+    /// In how many steps no object has moved.
+    still: usize,
 }
 
 /// What of an object does not change.
@@ -74,6 +81,7 @@ impl Clone for World {
             parameters: self.parameters,
             // A workspace.
             pipeline: PhysicsPipeline::new(),
+            still: self.still,
         }
     }
 }
@@ -102,6 +110,7 @@ impl World {
             sets: Sets::default(),
             parameters: parameters(timestep),
             pipeline: PhysicsPipeline::new(),
+            still: 0,
         };
         world.add_fixed(scene);
         world.add_objects(scene)?;
@@ -206,6 +215,7 @@ impl World {
         }
         self.states.clear();
         self.states.extend_from_slice(states);
+        self.still = 0;
         self.measure();
         Ok(())
     }
@@ -281,8 +291,13 @@ impl World {
         }
     }
 
-    /// Moves the objects by one step. Those of which a motion is given begin it with that, the others fall.
+    /// Moves the objects by one step. Those of which a motion is given begin it with that, the others fall. Where all have come to
+    /// rest and none is given a motion, nothing is to be done.
     pub fn step(&mut self, motions: &[Option<Twist>]) -> Result<(), ObjectError> {
+        let given = motions.iter().any(Option::is_some);
+        if self.still >= STILL_STEPS && !given {
+            return Ok(());
+        }
         let h = self.parameters.dt;
         for ((body, kept), motion) in self.bodies.iter().zip(&self.kept).zip(motions) {
             let twist = motion.unwrap_or_else(|| fallen(body, &self.gravity, h));
@@ -307,8 +322,10 @@ impl World {
             &(),
             &(),
         );
+        let mut fastest: f64 = 0.0;
         for (kept, state) in self.kept.iter().zip(&mut self.states) {
             let body = &self.sets.bodies[kept.handle];
+            let from = state.pose;
             let speed = state.velocity.norm();
             let pose: Isometry3<f64> = pose_back(body.position());
             let angular_velocity = back(body.angvel());
@@ -323,7 +340,17 @@ impl World {
                 let object = kept.name.clone();
                 return Err(ObjectError::Diverged { object, speed });
             }
+            // Contacts push what overlaps apart without a velocity.
+            let shift = (pose.translation.vector - from.translation.vector).norm();
+            let turn = (pose.rotation.coords - from.rotation.coords).norm();
+            let (linear, angular) = (state.velocity.norm(), state.angular_velocity.norm());
+            let speeds = [linear, angular, shift / h, turn / h];
+            fastest = speeds.into_iter().fold(fastest, f64::max);
         }
+        self.still = match fastest < STILL && !given {
+            true => self.still + 1,
+            false => 0,
+        };
         self.measure();
         Ok(())
     }

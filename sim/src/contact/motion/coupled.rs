@@ -2,9 +2,10 @@
 //!
 //! With `q` the changes of the objects' motions and `u = u* + J w + G q`, the objective gains `q' M q / 2`, and Newton's next iterate
 //! solves `(A + J'HJ) w + J'HG q = J' r`, `(M + G'HG) q + G'HJ w = G' r`, where `r = p + H (u - u*)`. Eliminating `w` leaves a dense
-//! matrix of the objects alone, whose columns take one solve with the robot's factorised matrix each.
+//! matrix of the objects alone. `J'HG` of an object has the rank of the `H` of its contacts with the robot, if that is less than the
+//! number of its coordinates: so many solves with the robot's factorised matrix it takes ([`Column`]).
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
+use nalgebra::{Cholesky, Const, DMatrix, DVector, Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
 
 use super::touch::{DiscVelocities, Response, Side, Touch};
 use crate::dynamics::Reaction;
@@ -17,6 +18,7 @@ pub(super) struct Movable {
     pub number: usize,
     pub body: Body,
     mass: Matrix6<f64>,
+    factor: Option<Cholesky<f64, Const<6>>>,
     /// Change of its coordinates, and that of the next iterate.
     change: Vector6<f64>,
     trial: Vector6<f64>,
@@ -58,23 +60,37 @@ impl Lever {
     }
 }
 
+/// What the robot's rates change by as an object moves: these `rates`, times the scalar product of its coordinates and `weights`.
+#[derive(Clone, Debug, Default)]
+struct Column {
+    /// The object's place in the problem.
+    place: usize,
+    weights: Vector6<f64>,
+    rates: Vec<Vector3<f64>>,
+}
+
 /// The objects of a problem.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Movables {
     pub all: Vec<Movable>,
     /// Of each contact, those of the objects that it acts on and against.
     levers: Vec<[Option<Lever>; 2]>,
+    /// Those of discs with objects that do anything in an iterate: the numbers of disc and contact.
+    acting: Vec<(usize, usize)>,
     reactions: Vec<Reaction>,
     spatial: DiscVelocities,
-    columns: Vec<Vec<Vector3<f64>>>,
+    /// Those of an iterate, and the memory of more.
+    columns: Vec<Column>,
 }
 
 impl Movable {
     pub fn new(number: usize, body: &Body) -> Self {
+        let mass = body.mass_matrix();
         Self {
             number,
             body: *body,
-            mass: body.mass_matrix(),
+            mass,
+            factor: mass.cholesky(),
             change: Vector6::zeros(),
             trial: Vector6::zeros(),
         }
@@ -85,13 +101,17 @@ impl Movable {
         let mut spatial = Matrix3x6::zeros();
         (spatial.fixed_view_mut::<3, 3>(0, 0)).copy_from(&Matrix3::identity());
         (spatial.fixed_view_mut::<3, 3>(0, 3)).copy_from(&-arm.cross_matrix());
-        spatial * self.body.basis
+        match self.body.freedoms {
+            // The basis is the identity.
+            6 => spatial,
+            _ => spatial * self.body.basis,
+        }
     }
 
     /// Inverse of the mass with which the point at `arm` resists along a unit vector (1/kg).
     pub fn mobility(&self, arm: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
         let row = self.jacobian(arm).tr_mul(along);
-        let solved = self.mass.cholesky().map(|mass| mass.solve(&row));
+        let solved = self.factor.map(|mass| mass.solve(&row));
         solved.map_or(0.0, |solved| row.dot(&solved))
     }
 
@@ -187,7 +207,7 @@ impl Movables {
         let moved = self.all.iter().zip(&pushed);
         moved
             .map(|(movable, pushed)| {
-                let change = movable.mass.cholesky().map(|mass| mass.solve(pushed));
+                let change = movable.factor.map(|mass| mass.solve(pushed));
                 let change = movable.twist(&change.unwrap_or_default());
                 let end = movable.body.free.plus(&change);
                 (movable.number, movable.body.undamped(&end))
@@ -235,35 +255,25 @@ impl Movables {
                 }
             }
         }
-        // What the robot does to them as they move: a column for each coordinate of an object that it touches.
-        self.columns.resize(size, Vec::new());
-        self.reactions.resize(centres.len(), Reaction::default());
-        for place in 0..self.all.len() {
-            let touched =
-                of_robot(touches, laws, &self.levers).any(|(_, _, _, lever)| lever.place == place);
-            for axis in 0..self.all[place].body.freedoms {
-                let column = &mut self.columns[6 * place + axis];
-                column.clear();
-                if !touched {
-                    continue;
-                }
-                self.reactions.fill(Reaction::default());
-                for (disc, touch, law, lever) in of_robot(touches, laws, &self.levers) {
-                    if lever.place == place {
-                        let impulse = -(law.inertance * lever.columns[axis]);
-                        self.reactions[disc].push(&touch.arm, &impulse, &Matrix3::zeros());
-                    }
-                }
-                column.resize(centres.len(), Vector3::zeros());
-                robot.respond_again(&self.reactions, column);
-                self.spatial.set(centres, column);
-                let start = size * (6 * place + axis);
-                let entries = &mut matrix.as_mut_slice()[start..start + size];
-                for (disc, touch, law, lever) in of_robot(touches, laws, &self.levers) {
-                    let change = law.inertance * self.spatial.of(disc, &touch.arm);
-                    lever.push(&change, &mut entries[6 * lever.place..]);
-                }
+        // What the robot does to them as they move.
+        self.acting.clear();
+        for (number, (touch, law)) in touches.iter().zip(laws).enumerate() {
+            if let (Side::Disc(disc), [_, Some(_)]) = (touch.on, &self.levers[number])
+                && law.acts()
+            {
+                self.acting.push((disc, number));
             }
+        }
+        let used = self.find_columns(touches, laws, centres.len(), robot);
+        for column in &self.columns[..used] {
+            self.spatial.set(centres, &column.rates);
+            let mut pushed = DVector::zeros(size);
+            for (disc, touch, law, lever) in self.of_robot(touches, laws) {
+                let change = law.inertance * self.spatial.of(disc, &touch.arm);
+                lever.push(&change, &mut pushed.as_mut_slice()[6 * lever.place..]);
+            }
+            let mut entries = matrix.columns_mut(6 * column.place, 6);
+            entries.ger(1.0, &pushed, &column.weights, 1.0);
         }
         let Some(solved) = matrix.cholesky().map(|matrix| matrix.solve(&right)) else {
             rates.fill(Vector3::repeat(f64::NAN));
@@ -271,25 +281,88 @@ impl Movables {
         };
         for (place, movable) in self.all.iter_mut().enumerate() {
             movable.trial = solved.fixed_rows::<6>(6 * place).into();
-            for axis in 0..movable.body.freedoms {
-                let column = &self.columns[6 * place + axis];
-                for (rate, change) in rates.iter_mut().zip(column) {
-                    *rate += change * movable.trial[axis];
-                }
+        }
+        for column in &self.columns[..used] {
+            let share = column.weights.dot(&self.all[column.place].trial);
+            for (rate, change) in rates.iter_mut().zip(&column.rates) {
+                *rate += change * share;
             }
         }
     }
+
+    /// Finds what the rates of a robot of so many joints change by as the objects move. The number of columns.
+    fn find_columns(
+        &mut self,
+        touches: &[Touch],
+        laws: &[Response],
+        joints: usize,
+        robot: &mut impl Responds,
+    ) -> usize {
+        self.reactions.clear();
+        self.reactions.resize(joints, Reaction::default());
+        let mut used = 0;
+        let mut columns = std::mem::take(&mut self.columns);
+        let mut reactions = std::mem::take(&mut self.reactions);
+        for (place, movable) in self.all.iter().enumerate() {
+            let own = || {
+                let all = self.of_robot(touches, laws);
+                all.filter(move |(_, _, _, lever)| lever.place == place)
+            };
+            let mut add = |weights: Vector6<f64>, reactions: &[Reaction]| {
+                if used == columns.len() {
+                    columns.push(Column::default());
+                }
+                let column = &mut columns[used];
+                (column.place, column.weights) = (place, weights);
+                column.rates.resize(joints, Vector3::zeros());
+                robot.respond_again(reactions, &mut column.rates);
+                used += 1;
+            };
+            let rank: usize = own().map(|(_, touch, ..)| directions(touch).count()).sum();
+            if rank < movable.body.freedoms {
+                // By the contacts: an impulse along each direction in which they push.
+                for (disc, touch, law, lever) in own() {
+                    for direction in directions(touch) {
+                        let along = law.inertance * direction;
+                        let weights = lever.columns.map(|column| -along.dot(&column)).into();
+                        reactions[disc].push(&touch.arm, &direction, &Matrix3::zeros());
+                        add(weights, &reactions);
+                        reactions[disc] = Reaction::default();
+                    }
+                }
+                continue;
+            }
+            for axis in 0..movable.body.freedoms {
+                for (disc, touch, law, lever) in own() {
+                    let impulse = -(law.inertance * lever.columns[axis]);
+                    reactions[disc].push(&touch.arm, &impulse, &Matrix3::zeros());
+                }
+                add(Vector6::ith(axis, 1.0), &reactions);
+                own().for_each(|(disc, ..)| reactions[disc] = Reaction::default());
+            }
+        }
+        (self.columns, self.reactions) = (columns, reactions);
+        used
+    }
+
+    /// The contacts of discs with objects that do anything: disc, contact, what it does, and the object's lever.
+    fn of_robot<'a>(
+        &'a self,
+        touches: &'a [Touch],
+        laws: &'a [Response],
+    ) -> impl Iterator<Item = (usize, &'a Touch, &'a Response, &'a Lever)> {
+        self.acting.iter().filter_map(|&(disc, number)| {
+            let lever = self.levers[number][1].as_ref()?;
+            Some((disc, &touches[number], &laws[number], lever))
+        })
+    }
 }
 
-/// The contacts of discs with objects that do anything: disc, contact, what it does, and the object's lever.
-fn of_robot<'a>(
-    touches: &'a [Touch],
-    laws: &'a [Response],
-    levers: &'a [[Option<Lever>; 2]],
-) -> impl Iterator<Item = (usize, &'a Touch, &'a Response, &'a Lever)> {
-    let all = touches.iter().zip(laws).zip(levers);
-    all.filter_map(|((touch, law), levers)| match (touch.on, levers) {
-        (Side::Disc(disc), [_, Some(lever)]) if law.acts() => Some((disc, touch, law, lever)),
-        _ => None,
-    })
+/// Unit vectors in whose span a contact's impulse is.
+fn directions(touch: &Touch) -> impl Iterator<Item = Vector3<f64>> + use<> {
+    let axes = match touch.bound > 0.0 {
+        true => [0, 1, 2].map(|axis| Some(Vector3::ith(axis, 1.0))),
+        false => [Some(touch.normal), None, None],
+    };
+    axes.into_iter().flatten()
 }

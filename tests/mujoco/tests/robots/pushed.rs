@@ -95,9 +95,29 @@ fn apart([ours, theirs]: &[Vec<[f64; 7]>; 2]) -> f64 {
 }
 
 #[test]
-fn a_pushed_box_goes_where_mujocos_goes_within_a_fiftieth_of_its_way() {
-    let apart = apart(&paths(&on_table(0.05, 0.3, [0.08, 0.05]), &LEFT));
-    assert!(apart < 0.02, "{apart}");
+fn a_pushed_box_of_ten_times_the_robots_mass_goes_where_mujocos_goes_within_a_fiftieth_of_its_way()
+{
+    let robot = Robot::load("2m").unwrap();
+    let mass = 10.0 * robot.discs().iter().map(|disc| disc.mass).sum::<f64>();
+    for friction in [0.3, 0.02] {
+        let apart = apart(&paths(&on_table(mass, friction, [0.08, 0.05]), &LEFT));
+        assert!(apart < 0.02, "{apart}");
+    }
+}
+
+#[test]
+fn a_tall_box_pushed_above_its_middle_falls_over_as_mujocos() {
+    let paths = paths(&on_table(0.05, 0.5, [0.03, 0.1]), &LEFT);
+    let apart = apart(&paths);
+    assert!(apart < 0.04, "{apart}");
+    // By a right angle about the y axis: half its sine.
+    let fallen = paths.map(|path| path[STEPS - 1][5].abs());
+    assert!(
+        fallen
+            .iter()
+            .all(|sine| (sine - 0.5_f64.sqrt()).abs() < 1e-3),
+        "{fallen:?}"
+    );
 }
 
 /// Impacts on heavier boxes, and on those that tip, differ more: there MuJoCo's normal impulses grow with the speed of sliding.
