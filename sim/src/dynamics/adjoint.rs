@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::servos::Acting;
 use super::step_adjoint::StepAdjoint;
 use super::{DynamicsError, Rollout, State};
 use crate::chain::Chain;
@@ -51,8 +52,8 @@ pub struct RolloutGradient {
 ///
 /// `cost(k, state, cotangent)` adds to `cotangent`, which is zero, the derivatives of the cost by the state after `k` steps (the
 /// start for 0). A cost of poses by itself needs no more: it is carried through the kinematics here, and where a parameter
-/// ([`Parameter::Pitch`]) moves the discs in a given configuration, its gradient has that too.
-/// [`Parameter::Command`] stands for a change of the command of a tendon at all steps alike.
+/// ([`Parameter::Pitch`]) moves the discs in a given configuration, its gradient has that too. Where servos follow late, the gradient is
+/// by the commands that are given. [`Parameter::Command`] stands for a change of the command of a tendon at all steps alike.
 ///
 /// The start is given: where it is the equilibrium of something, the gradient does not have what changes with it.
 ///
@@ -65,8 +66,24 @@ pub fn rollout_gradient(
     rollout: &Rollout,
     states: &[State],
     parameters: &[Parameter],
+    cost: impl FnMut(usize, &State, &mut StateCotangent),
+) -> Result<RolloutGradient, DynamicsError> {
+    gradient_by(
+        &mut StepAdjoint::new(robot, timestep)?,
+        (rollout, states),
+        parameters,
+        cost,
+    )
+}
+
+/// The same by the `adjoint` of the steps of a motion and the states after them.
+pub(crate) fn gradient_by(
+    adjoint: &mut StepAdjoint,
+    (rollout, states): (&Rollout, &[State]),
+    parameters: &[Parameter],
     mut cost: impl FnMut(usize, &State, &mut StateCotangent),
 ) -> Result<RolloutGradient, DynamicsError> {
+    let robot = &adjoint.robot().clone();
     let steps = rollout.commands.len();
     let size = |what, expected, found| match expected == found {
         true => Ok(()),
@@ -86,7 +103,7 @@ pub fn rollout_gradient(
     let tangents = (parameters.iter())
         .map(|&parameter| ModelTangent::new(robot, &rollout.loads, parameter))
         .collect::<Result<Vec<_>, _>>()?;
-    let mut adjoint = StepAdjoint::new(robot, timestep)?;
+    let acting = Acting::new(robot, &rollout.commands, adjoint.timestep());
     let mut seen = Seen::new(robot);
     let mut cotangent = vec![0.0; 2 * robot.dof()];
     let mut commands = vec![Vec::new(); steps];
@@ -96,7 +113,7 @@ pub fn rollout_gradient(
             None => &rollout.start,
             Some(last) => &states[last],
         };
-        let command = &rollout.commands[step];
+        let command = acting.command(step);
         adjoint.expand(before, command, &rollout.loads)?;
         commands[step] = adjoint.pull_back(
             before,
@@ -107,6 +124,7 @@ pub fn rollout_gradient(
         )?;
     }
     seen.add(0, &rollout.start, &mut cost, &mut cotangent);
+    acting.pull_back(&mut commands);
     let model = seen.model;
     Ok(RolloutGradient {
         commands,

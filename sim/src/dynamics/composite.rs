@@ -236,7 +236,7 @@ fn cross_motion(v: &Vector6<f64>) -> Matrix6<f64> {
 }
 
 /// `[v]x*` on forces.
-fn cross_force(v: &Vector6<f64>) -> Matrix6<f64> {
+pub(super) fn cross_force(v: &Vector6<f64>) -> Matrix6<f64> {
     let (angular, linear) = halves(v);
     let spin = angular.cross_matrix();
     blocks(&spin, &linear.cross_matrix(), &Matrix3::zeros(), &spin)

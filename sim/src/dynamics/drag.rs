@@ -8,6 +8,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::acceleration::EquationsOfMotion;
+use super::pushes::Push;
 use super::reaction::Reaction;
 use crate::robot::Robot;
 
@@ -52,15 +53,88 @@ impl Drag {
         accelerations: &[f64],
         h: f64,
     ) {
+        let moving = Moving::all(equations, rates, accelerations, h);
+        let discs = self.reactions.iter_mut().zip(&self.factors).zip(moving);
+        for ((reaction, [along, across]), Moving { arm, own, end, .. }) in discs {
+            let inertance = h * (along * own.z.abs() + across * own.xy().norm());
+            let form = Matrix3::from_diagonal_element(inertance);
+            *reaction = Reaction::default();
+            reaction.push(&arm, &(end * -inertance), &form);
+        }
+    }
+
+    /// Adds what drag does in a step by `h` (s) with these `accelerations` (rad/s²) that have it.
+    pub fn add_pushes(
+        &self,
+        equations: &EquationsOfMotion,
+        (rates, accelerations): (&[f64], &[f64]),
+        h: f64,
+        out: &mut Vec<Push>,
+    ) {
+        let chain = &equations.posture.chain;
+        let moving = Moving::all(equations, rates, accelerations, h);
+        for (disc, ([along, across], moving)) in self.factors.iter().zip(moving).enumerate() {
+            let Moving {
+                own, begin, end, ..
+            } = moving;
+            let sideways = own.xy().norm();
+            let inertance = h * (along * own.z.abs() + across * sideways);
+            // By the velocity in the disc's frame, which turns with the disc.
+            let mut slope = Vector3::z() * (along * own.z.signum());
+            if sideways > 0.0 {
+                slope += Vector3::new(own.x, own.y, 0.0) * (across / sideways);
+            }
+            let slope = chain.disc(disc) * slope * h;
+            out.push(Push {
+                disc,
+                carried: chain.positions[disc],
+                arm: Vector3::zeros(),
+                slides: Matrix3::zeros(),
+                impulse: end * -inertance,
+                inertance: Matrix3::from_diagonal_element(inertance),
+                by_place: Matrix3::zeros(),
+                by_begin: -end * slope.transpose(),
+                by_turn: -end * slope.cross(&begin).transpose(),
+                opposite: None,
+            });
+        }
+    }
+
+    /// The `others` with how drag answers to changes of the rates; drag alone where there are none.
+    pub fn with(&mut self, others: &[Reaction]) -> &[Reaction] {
+        for (disc, (form, own)) in self.forms.iter_mut().zip(&self.reactions).enumerate() {
+            *form = others.get(disc).copied().unwrap_or_default();
+            form.add_form(own);
+        }
+        &self.forms
+    }
+}
+
+/// How a disc moves in a step.
+struct Moving {
+    /// Its origin from the centre of its joint (m).
+    arm: Vector3<f64>,
+    /// Velocity of its origin at the begin and at the end (m/s); the former in the disc's frame, too.
+    begin: Vector3<f64>,
+    end: Vector3<f64>,
+    own: Vector3<f64>,
+}
+
+impl Moving {
+    /// All discs, in a step by `h` (s) that was begun with the joints' coordinates' `rates` and has these `accelerations`.
+    fn all(
+        equations: &EquationsOfMotion,
+        rates: &[f64],
+        accelerations: &[f64],
+        h: f64,
+    ) -> impl Iterator<Item = Self> {
         let chain = &equations.posture.chain;
         // Turn of the disc, and velocity of its joint's centre, at the begin and at the end.
         let mut moving = [(Vector3::zeros(), Vector3::zeros()); 2];
         let mut below = chain.centres.first().copied().unwrap_or_default();
         let joints = rates.as_chunks::<3>().0.iter();
-        let joints = joints
-            .zip(accelerations.as_chunks::<3>().0)
-            .zip(&self.factors);
-        for (disc, ((rate, acceleration), [along, across])) in joints.enumerate() {
+        let joints = joints.zip(accelerations.as_chunks::<3>().0);
+        joints.enumerate().map(move |(disc, (rate, acceleration))| {
             let (axes, centre) = (chain.axes(disc), chain.centres[disc]);
             let rate = Vector3::from(*rate);
             let ends = [rate, rate + Vector3::from(*acceleration) * h];
@@ -72,19 +146,12 @@ impl Drag {
             let arm = chain.positions[disc] - centre;
             let [begin, end] = moving.map(|(turn, shift)| shift + turn.cross(&arm));
             let own = chain.disc(disc).tr_mul(&begin);
-            let inertance = h * (along * own.z.abs() + across * own.xy().norm());
-            let form = Matrix3::from_diagonal_element(inertance);
-            self.reactions[disc] = Reaction::default();
-            self.reactions[disc].push(&arm, &(end * -inertance), &form);
-        }
-    }
-
-    /// The `others` with how drag answers to changes of the rates; drag alone where there are none.
-    pub fn with(&mut self, others: &[Reaction]) -> &[Reaction] {
-        for (disc, (form, own)) in self.forms.iter_mut().zip(&self.reactions).enumerate() {
-            *form = others.get(disc).copied().unwrap_or_default();
-            form.add_form(own);
-        }
-        &self.forms
+            Self {
+                arm,
+                begin,
+                end,
+                own,
+            }
+        })
     }
 }

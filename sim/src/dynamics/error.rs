@@ -36,21 +36,31 @@ pub enum DynamicsError {
     },
     /// A fluid around the robot, where its drag is not known.
     #[error(
-        "the robot moves in a fluid, whose drag only steps by {:?} and {:?} have, not under MuJoCo's law of contacts and without \
-         derivatives; leave out its `fluid`",
+        "the robot moves in a fluid, whose drag only steps by {:?} and {:?} have, not under MuJoCo's law of contacts; leave \
+         out its `fluid`",
         Integrator::SemiImplicitEuler,
         Integrator::ImplicitEuler
     )]
     InFluid,
-    /// A servo that takes time to follow its commands, where derivatives are asked for.
+    /// A servo that takes time to follow its commands, where derivatives of a single step are asked for.
     #[error(
-        "the servo of tendon {} follows its commands late, and steps have derivatives only by the command that acts; leave out \
-         its `lag` and `rate`",
+        "the servo of tendon {} follows its commands late, and single steps have derivatives only by the command that acts; \
+         take the gradient of a motion, or leave out its `lag` and `rate`",
         tendon + 1
     )]
     LateServo {
         /// The tendon, from 0.
         tendon: usize,
+    },
+    /// What moves so that its steps have no derivatives here.
+    #[error(
+        "{what} have no derivatives; expected {:?} steps, {} law of contacts, and obstacles without a mass",
+        Integrator::SemiImplicitEuler,
+        "the compliant"
+    )]
+    Underivable {
+        /// What it is, in the plural.
+        what: &'static str,
     },
     /// A state, command or gradient made for another robot.
     #[error("the {what} has {found} entries; robot `{robot}` needs {expected}")]

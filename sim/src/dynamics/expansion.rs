@@ -34,12 +34,6 @@ impl StepExpansion {
         if !(timestep.is_finite() && timestep > 0.0) {
             return Err(DynamicsError::Timestep(timestep));
         }
-        if robot.spec().fluid.is_some() {
-            return Err(DynamicsError::InFluid);
-        }
-        if let Some(tendon) = robot.tendons().iter().position(|t| t.servo.follows()) {
-            return Err(DynamicsError::LateServo { tendon });
-        }
         let armatures = Link::armatures(robot, timestep);
         Ok(Self {
             timestep,
@@ -60,23 +54,41 @@ impl StepExpansion {
         loads: &Loads,
     ) -> Result<(), DynamicsError> {
         self.equations.accept(state, command, loads)?;
-        let command = command.as_slice();
         let (q, v) = (&state.configuration, &state.velocity);
-        let accelerations = &mut self.accelerations;
-        self.equations
-            .accelerate(q, v, command, &self.armatures, accelerations);
-        compose(&self.equations, v, accelerations, &mut self.composites);
+        let (armatures, accelerations) = (&self.armatures, &mut self.accelerations);
+        (self.equations).accelerate(q, v, command.as_slice(), armatures, accelerations);
+        self.compose(state, command, loads);
+        Ok(())
+    }
+
+    /// The same of a step with these accelerations, which are of more than the robot alone.
+    pub fn expand_at(
+        &mut self,
+        (state, command): (&State, &Command),
+        loads: &Loads,
+        accelerations: &[f64],
+    ) -> Result<(), DynamicsError> {
+        self.equations.accept(state, command, loads)?;
+        let (q, v) = (&state.configuration, &state.velocity);
+        self.equations.enter(q, v, command.as_slice());
+        self.accelerations.copy_from_slice(accelerations);
+        self.compose(state, command, loads);
+        Ok(())
+    }
+
+    fn compose(&mut self, state: &State, command: &Command, loads: &Loads) {
+        let (accelerations, composites) = (&self.accelerations, &mut self.composites);
+        compose(&self.equations, &state.velocity, accelerations, composites);
         // The potential, following loads as the dead forces that they are here.
         let posture = &self.equations.posture;
         self.dead = self.equations.forces.dead.clone();
         add_forces(loads, 1.0, posture, &mut self.dead);
         let potential = Potential {
             robot: &self.equations.robot,
-            command,
+            command: command.as_slice(),
             dead: &self.dead,
         };
-        potential.expand(q, posture, &mut self.expansion);
+        potential.expand(&state.configuration, posture, &mut self.expansion);
         add_moments(loads, 1.0, posture, &mut self.expansion);
-        Ok(())
     }
 }

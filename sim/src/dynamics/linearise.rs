@@ -8,9 +8,12 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use super::composite::{Composite, Moved, cross_with_force};
 use super::expansion::StepExpansion;
 use super::implicit::{in_coordinates, mass_matrix};
+use super::jacobians::step_jacobians;
+use super::step_adjoint::StepAdjoint;
 use super::{DynamicsError, State};
 use crate::energy::following::jacobian;
-use crate::robot::{Command, Drive, Hinges, Loads, Robot};
+use crate::model_tangent::ModelTangent;
+use crate::robot::{Command, Drive, Loads, Robot, Tendon};
 
 /// A step to first order: `x+ + dx+`, `dx+ = A dx + B du`.
 ///
@@ -28,6 +31,8 @@ pub struct Linearisation {
 #[derive(Clone, Debug)]
 pub struct Lineariser {
     step: StepExpansion,
+    /// Of a robot among surroundings, which gives the derivative row by row.
+    adjoint: Option<StepAdjoint>,
 }
 
 impl Lineariser {
@@ -35,14 +40,25 @@ impl Lineariser {
     /// `timestep` (s).
     ///
     /// # Errors
-    /// [`DynamicsError`] as [`Stepper::new`](super::Stepper::new).
+    /// [`DynamicsError`] as [`Stepper::new`](super::Stepper::new), and [`DynamicsError::LateServo`] where what acts is no command.
     pub fn new(robot: &Robot, timestep: f64) -> Result<Self, DynamicsError> {
-        let step = StepExpansion::new(robot, timestep)?;
-        Ok(Self { step })
+        Self::by(StepAdjoint::new(robot, timestep)?)
+    }
+
+    /// By the `adjoint` of steps.
+    pub(crate) fn by(adjoint: StepAdjoint) -> Result<Self, DynamicsError> {
+        let late = |tendon: &Tendon| tendon.servo.follows();
+        if let Some(tendon) = adjoint.robot().tendons().iter().position(late) {
+            return Err(DynamicsError::LateServo { tendon });
+        }
+        Ok(Self {
+            step: adjoint.step.clone(),
+            adjoint: adjoint.has_surroundings().then_some(adjoint),
+        })
     }
 
     /// The derivative of the step from `state` under `command` and `loads`, exact but for rounding,
-    /// in O(n³) time. Where a tendon goes slack or a joint meets its limit it is one-sided.
+    /// in O(n³) time, among surroundings in O(n²). Where a tendon goes slack or a joint meets its limit it is one-sided.
     ///
     /// # Errors
     /// [`DynamicsError`] when state, command or loads are not of this robot;
@@ -53,6 +69,9 @@ impl Lineariser {
         command: &Command,
         loads: &Loads,
     ) -> Result<Linearisation, DynamicsError> {
+        if self.adjoint.is_some() {
+            return self.linearise_by_rows(state, command, loads);
+        }
         self.step.expand(state, command, loads)?;
         // Derivatives of the forces by turns, rates and commands, at the step's accelerations.
         let dof = self.step.equations.robot.dof();
@@ -66,13 +85,34 @@ impl Lineariser {
             return Err(DynamicsError::NotDifferentiable);
         };
         factor.solve_in_place(forces.as_mut());
-        let step = self.through_step(&state.velocity, &forces);
-        let finite = |matrix: &DMatrix<f64>| matrix.iter().all(|x| x.is_finite());
-        if finite(&step.a) && finite(&step.b) {
-            Ok(step)
-        } else {
-            Err(DynamicsError::NotDifferentiable)
+        self.step.through(&state.velocity, &forces)
+    }
+
+    /// The same with the adjoint of the step, which gives the derivatives of one rate at its end after another.
+    fn linearise_by_rows(
+        &mut self,
+        state: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<Linearisation, DynamicsError> {
+        let Some(adjoint) = &mut self.adjoint else {
+            return Err(DynamicsError::NotDifferentiable);
+        };
+        adjoint.expand(state, command, loads)?;
+        let (dof, h) = (state.velocity.len(), adjoint.timestep());
+        let mut accelerations = Mat::zeros(dof, 2 * dof + command.as_slice().len());
+        let mut model = ModelTangent::zero(adjoint.robot());
+        for row in 0..dof {
+            let mut gradient = vec![0.0; 2 * dof];
+            gradient[dof + row] = 1.0;
+            let by_command = adjoint.pull_back(state, command, loads, &mut gradient, &mut model)?;
+            // v+ = v + h a.
+            gradient[dof + row] -= 1.0;
+            for (column, by) in gradient.iter().chain(&by_command).enumerate() {
+                accelerations[(row, column)] = by / h;
+            }
         }
+        adjoint.step.through(&state.velocity, &accelerations)
     }
 
     /// Minus the derivative of the residual moments on the joints, `g`, by their coordinates: along
@@ -149,10 +189,16 @@ impl Lineariser {
             add_block(forces, row, dof + row, &-damping);
         }
     }
+}
 
+impl StepExpansion {
     /// From the derivatives of the accelerations to those of `v+ = v + h a`, `q+ = q exp(h v+)`.
-    fn through_step(&self, velocity: &[f64], accelerations: &Mat<f64>) -> Linearisation {
-        let (h, dof) = (self.step.timestep, velocity.len());
+    fn through(
+        &self,
+        velocity: &[f64],
+        accelerations: &Mat<f64>,
+    ) -> Result<Linearisation, DynamicsError> {
+        let (h, dof) = (self.timestep, velocity.len());
         let columns = accelerations.ncols();
         // v+ = v + h a.
         let mut step = DMatrix::zeros(2 * dof, columns);
@@ -172,9 +218,9 @@ impl Lineariser {
         for joint in 0..dof / 3 {
             let rows = 3 * joint;
             let next = Vector3::from_fn(|axis, _| {
-                velocity[rows + axis] + h * self.step.accelerations[rows + axis]
+                velocity[rows + axis] + h * self.accelerations[rows + axis]
             });
-            let hinges = self.step.equations.links[joint].hinges.as_deref();
+            let hinges = self.equations.links[joint].hinges.as_deref();
             let (back, jacobian) = step_jacobians(hinges, &(next * h));
             let by_rates = jacobian * h;
             // Column by column, as products of a small and a wide matrix are slow.
@@ -185,55 +231,15 @@ impl Lineariser {
             let mut own = step.fixed_view_mut::<3, 3>(rows, rows);
             own += back;
         }
+        if step.iter().any(|x| !x.is_finite()) {
+            return Err(DynamicsError::NotDifferentiable);
+        }
         let b = step.columns(2 * dof, columns - 2 * dof).into_owned();
-        Linearisation {
+        Ok(Linearisation {
             a: step.resize_horizontally(2 * dof, 0.0),
             b,
-        }
+        })
     }
-}
-
-/// What a change of a joint's coordinates at the start of a `step` (rad) of them, and one of the step, are at its end: for a ball joint
-/// [`turn_jacobians`].
-pub(super) fn step_jacobians(
-    hinges: Option<&Hinges>,
-    step: &Vector3<f64>,
-) -> (Matrix3<f64>, Matrix3<f64>) {
-    match hinges {
-        None => turn_jacobians(step),
-        Some(hinges) => {
-            let present = Matrix3::from_diagonal(&hinges.present());
-            (present, present)
-        }
-    }
-}
-
-/// `exp(-turn)`, and the right Jacobian of the exponential map at `turn`: what a change of the
-/// start, and of the turn, are in the frame at the end (Sola et al., A micro Lie theory, eq. 143).
-pub(super) fn turn_jacobians(turn: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
-    let squared = turn.norm_squared();
-    // sin(t)/t, (1 - cos(t))/t², (t - sin(t))/t³.
-    let [sine, versine, rest] = if squared < 1e-3 {
-        [
-            1.0 - squared / 6.0 * (1.0 - squared / 20.0 * (1.0 - squared / 42.0)),
-            0.5 - squared / 24.0 * (1.0 - squared / 30.0 * (1.0 - squared / 56.0)),
-            1.0 / 6.0 - squared / 120.0 * (1.0 - squared / 42.0 * (1.0 - squared / 72.0)),
-        ]
-    } else {
-        let angle = squared.sqrt();
-        let (sin, cos) = angle.sin_cos();
-        [
-            sin / angle,
-            (1.0 - cos) / squared,
-            (angle - sin) / (squared * angle),
-        ]
-    };
-    let cross = turn.cross_matrix();
-    let square = cross * cross;
-    (
-        Matrix3::identity() - cross * sine + square * versine,
-        Matrix3::identity() - cross * versine + square * rest,
-    )
 }
 
 fn add_block(matrix: &mut Mat<f64>, row: usize, column: usize, block: &Matrix3<f64>) {

@@ -5,6 +5,7 @@
 
 use nalgebra::Vector3;
 
+use super::pushes::Push;
 use super::stepper::{Scheme, advance, largest_turn};
 use super::{DynamicsError, Integrator, Reaction, State, Stepper};
 use crate::chain::Chain;
@@ -181,6 +182,19 @@ impl Stepper {
                 (self.equations).solve_among(&self.armatures, impulses, forms, out);
             }
         }
+    }
+
+    /// Adds what drag did in the step that was finished, which went from `before`.
+    pub(crate) fn add_pushes(&self, before: &State, pushes: &mut Vec<Push>) {
+        if let Some(drag) = &self.drag {
+            let rates = (&before.velocity[..], &self.accelerations[..]);
+            drag.add_pushes(&self.equations, rates, self.timestep, pushes);
+        }
+    }
+
+    /// Accelerations of the joints' coordinates in the step that was finished (rad/s²).
+    pub(crate) fn accelerations(&self) -> &[f64] {
+        &self.accelerations
     }
 
     /// Ends the step that was begun from `state`, the rates changed by `change` (rad/s, world axes); by nothing where it is empty.

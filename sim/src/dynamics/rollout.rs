@@ -22,15 +22,29 @@ impl Stepper {
     /// # Errors
     /// [`DynamicsError`] of the first step that fails.
     pub fn rollout(&mut self, rollout: &Rollout) -> Result<Vec<State>, DynamicsError> {
-        let mut state = rollout.start.clone();
-        let Some(first) = rollout.commands.first() else {
+        let (robot, timestep) = (self.robot().clone(), self.timestep);
+        rollout.states(&robot, timestep, |state, command| {
+            self.step(state, command, &rollout.loads)
+        })
+    }
+}
+
+impl Rollout {
+    /// The states after each step by `timestep` (s), of which `step` takes one under the command that acts.
+    pub(crate) fn states(
+        &self,
+        robot: &Robot,
+        timestep: f64,
+        mut step: impl FnMut(&mut State, &Command) -> Result<(), DynamicsError>,
+    ) -> Result<Vec<State>, DynamicsError> {
+        let mut state = self.start.clone();
+        let Some(first) = self.commands.first() else {
             return Ok(Vec::new());
         };
-        let mut servos = Servos::at(self.robot(), first);
-        (rollout.commands.iter())
+        let mut servos = Servos::at(robot, first);
+        (self.commands.iter())
             .map(|command| {
-                let acting = servos.follow(command, self.timestep);
-                self.step(&mut state, acting, &rollout.loads)?;
+                step(&mut state, servos.follow(command, timestep))?;
                 Ok(state.clone())
             })
             .collect()

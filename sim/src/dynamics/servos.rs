@@ -76,6 +76,109 @@ fn followed(servo: &ServoSpec, at: f64, command: f64, duration: f64) -> f64 {
     end.clamp(at.min(command), at.max(command))
 }
 
+/// Derivative of [`followed`] by where the servo is; that by the command is what is left to 1.
+fn kept(servo: &ServoSpec, at: f64, command: f64, duration: f64) -> f64 {
+    if !servo.follows() {
+        return 0.0;
+    }
+    let rate = servo.rate.unwrap_or(f64::INFINITY);
+    let slower = if servo.lag > 0.0 {
+        rate * servo.lag
+    } else {
+        0.0
+    };
+    let at_rate = ((command - at).abs() - slower).max(0.0) / rate;
+    if at_rate >= duration {
+        return 1.0;
+    }
+    match servo.lag > 0.0 {
+        true => (-(duration - at_rate) / servo.lag).exp(),
+        false => 0.0,
+    }
+}
+
+/// The commands that act in the steps of a motion, and how they change with those that are given.
+pub(super) struct Acting<'a> {
+    given: &'a [Command],
+    /// Where servos follow late.
+    late: Option<Late>,
+}
+
+struct Late {
+    acting: Vec<Command>,
+    /// Of each step, the derivatives of what acts by what acted before.
+    kept: Vec<Vec<f64>>,
+}
+
+impl<'a> Acting<'a> {
+    /// In steps by `timestep` (s), at the start of which the servos have come to the first command.
+    pub fn new(robot: &Robot, given: &'a [Command], timestep: f64) -> Self {
+        let late = robot.tendons().iter().any(|tendon| tendon.servo.follows());
+        let Some(first) = given.first().filter(|_| late) else {
+            return Self { given, late: None };
+        };
+        let mut servos = Servos::at(robot, first);
+        let mut late = Late {
+            acting: Vec::with_capacity(given.len()),
+            kept: Vec::with_capacity(given.len()),
+        };
+        for command in given {
+            let before = servos.acting().as_slice().iter().zip(command.as_slice());
+            let servos_at = servos.servos.iter().zip(before);
+            let kept = servos_at.map(|(servo, (&at, &to))| kept(servo, at, to, timestep));
+            late.kept.push(kept.collect());
+            late.acting.push(servos.follow(command, timestep).clone());
+        }
+        Self {
+            given,
+            late: Some(late),
+        }
+    }
+
+    /// What acts in a step.
+    pub fn command(&self, step: usize) -> &Command {
+        match &self.late {
+            Some(late) => &late.acting[step],
+            None => &self.given[step],
+        }
+    }
+
+    /// Turns derivatives by what acts in each step into those by what is given.
+    pub fn pull_back(&self, commands: &mut [Vec<f64>]) {
+        let Some(late) = &self.late else { return };
+        let mut later = vec![0.0; commands.first().map_or(0, Vec::len)];
+        for (command, kept) in commands.iter_mut().zip(&late.kept).rev() {
+            for ((by, later), kept) in command.iter_mut().zip(&mut later).zip(kept) {
+                let all = *by + *later;
+                (*by, *later) = ((1.0 - kept) * all, kept * all);
+            }
+        }
+        // Before the first step acts the first command.
+        if let Some(first) = commands.first_mut() {
+            first
+                .iter_mut()
+                .zip(&later)
+                .for_each(|(by, later)| *by += later);
+        }
+    }
+
+    /// Changes of what acts in each step by those of what is given.
+    pub fn push_forward(&self, given: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let mut acting = given.to_vec();
+        let Some(late) = &self.late else {
+            return acting;
+        };
+        for step in 1..acting.len() {
+            let (before, after) = acting.split_at_mut(step);
+            let changes = after[0].iter_mut().zip(&before[step - 1]);
+            for ((change, before), kept) in changes.zip(&late.kept[step]) {
+                *change = (1.0 - kept) * *change + kept * before;
+            }
+        }
+        acting
+    }
+}
+
 /// The way at the largest rate; none without one.
 fn rate_times(rate: f64, duration: f64) -> f64 {
     match rate.is_finite() {
@@ -102,6 +205,11 @@ mod tests {
         // Two times make one.
         let half = followed(&servo, at(0.13), 0.01, 0.07);
         assert!((half - at(0.2)).abs() < 1e-15);
+        for (from, time) in [(0.03, 0.1), (0.03, 0.2), (0.014, 0.02)] {
+            let ahead = followed(&servo, from + 1e-7, 0.01, time);
+            let change = (ahead - followed(&servo, from - 1e-7, 0.01, time)) / 2e-7;
+            assert!((kept(&servo, from, 0.01, time) - change).abs() < 1e-8);
+        }
         let by_rate = ServoSpec { lag: 0.0, ..servo };
         assert_eq!(followed(&by_rate, 0.0, 0.01, 0.05), 0.1 * 0.05);
         assert_eq!(followed(&by_rate, 0.0, 0.01, 0.2), 0.01);

@@ -3,23 +3,29 @@
 //! The step is `v+ = v + h a`, `q+ = q exp(h v+)`, with `M a = f` (`h D` in `M`). With the multipliers `w = M^-1 a'` of a
 //! cotangent `a'` of the accelerations, the derivative of the cost by anything is `w . (df - dM a)`: that by the state takes
 //! one sum over the composite bodies from the tip down and one from the base up, that by all numbers of the model besides the
-//! same for the energy's terms. All of it is O(n).
+//! same for the energy's terms. All of it is O(n). What the surroundings push with depends on the velocities at the end of the step,
+//! so that their inertances are in `M` ([`super::pushes`]).
 
 use nalgebra::{Vector3, Vector6};
 
 use super::composite::{Moved, cross_with_force};
 use super::expansion::StepExpansion;
 use super::inertia_cotangent::pull_back_inertia;
-use super::linearise::step_jacobians;
-use super::{DynamicsError, State};
+use super::jacobians::step_jacobians;
+use super::pushes::{Push, PushedMatrix, Surroundings, pull_back_pushes};
+use super::{DynamicsError, Integrator, State, Stepper};
 use crate::energy::following::add_transposed_product;
 use crate::model_tangent::{Expanded, ModelTangent};
 use crate::robot::{Command, Loads, Robot};
 
 /// The adjoint of steps of one robot; reuses most of its memory.
 #[derive(Clone, Debug)]
-pub(super) struct StepAdjoint {
-    step: StepExpansion,
+pub(crate) struct StepAdjoint {
+    pub(super) step: StepExpansion,
+    surroundings: Option<Box<dyn Surroundings>>,
+    /// What these do in the step that is expanded, and the step's matrix with it.
+    pushes: Vec<Push>,
+    pushed: PushedMatrix,
     /// Cotangents of the accelerations, then products; world axes.
     scratch: Vec<Vector3<f64>>,
     /// The `w`, world axes.
@@ -30,9 +36,31 @@ pub(super) struct StepAdjoint {
 impl StepAdjoint {
     /// Of [`SemiImplicitEuler`](super::Integrator) steps of `robot` by `timestep` (s).
     pub fn new(robot: &Robot, timestep: f64) -> Result<Self, DynamicsError> {
+        let in_fluid = robot.spec().fluid.is_some();
+        let surroundings: Option<Box<dyn Surroundings>> = match in_fluid {
+            true => Some(Box::new(Stepper::new(
+                robot,
+                timestep,
+                Integrator::SemiImplicitEuler,
+            )?)),
+            false => None,
+        };
+        Self::among(robot, timestep, surroundings)
+    }
+
+    /// The same of a robot that moves among `surroundings`.
+    pub(crate) fn among(
+        robot: &Robot,
+        timestep: f64,
+        surroundings: Option<Box<dyn Surroundings>>,
+    ) -> Result<Self, DynamicsError> {
         let zeros = vec![Vector3::zeros(); robot.discs().len()];
+        let step = StepExpansion::new(robot, timestep)?;
         Ok(Self {
-            step: StepExpansion::new(robot, timestep)?,
+            surroundings,
+            pushes: Vec::new(),
+            pushed: PushedMatrix::new(&step),
+            step,
             scratch: zeros.clone(),
             multipliers: zeros.clone(),
             gradient: zeros,
@@ -42,14 +70,38 @@ impl StepAdjoint {
     /// Takes the step from `before`, to be pulled back through.
     ///
     /// # Errors
-    /// [`DynamicsError`] when state, command or loads are not of this robot.
+    /// [`DynamicsError`] when state, command or loads are not of this robot, or it cannot be taken.
     pub fn expand(
         &mut self,
         before: &State,
         command: &Command,
         loads: &Loads,
     ) -> Result<(), DynamicsError> {
-        self.step.expand(before, command, loads)
+        self.pushes.clear();
+        let Some(surroundings) = &mut self.surroundings else {
+            return self.step.expand(before, command, loads);
+        };
+        let accelerations = surroundings.step(before, command, loads, &mut self.pushes)?;
+        (self.step).expand_at((before, command), loads, accelerations)?;
+        match self.pushes.is_empty() || self.pushed.factorise(&self.step, &self.pushes) {
+            true => Ok(()),
+            false => Err(DynamicsError::NotDifferentiable),
+        }
+    }
+
+    /// Whether it is of a robot among surroundings.
+    pub fn has_surroundings(&self) -> bool {
+        self.surroundings.is_some()
+    }
+
+    /// The time step (s).
+    pub fn timestep(&self) -> f64 {
+        self.step.timestep
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        &self.step.equations.robot
     }
 
     /// Turns the `cotangent` of the state after the step from `before`, which is expanded, into that of `before`, in the
@@ -74,9 +126,16 @@ impl StepAdjoint {
             multipliers,
             ..
         } = self;
-        step.equations.solve(&step.armatures, scratch, multipliers);
+        match self.pushes.is_empty() {
+            true => step.equations.solve(&step.armatures, scratch, multipliers),
+            false => self.pushed.solve_transposed(scratch, multipliers),
+        }
         self.add_loads(loads, turns);
         self.add_inertia(turns, rates);
+        if !self.pushes.is_empty() {
+            let (pushes, out) = ((&self.step, &self.pushes[..]), [&mut *turns, &mut *rates]);
+            pull_back_pushes(pushes, &before.velocity, &self.multipliers, out, model);
+        }
         // By the model: a load's force is minus the potential's gradient.
         let commands = std::mem::replace(&mut model.command, vec![0.0; command.as_slice().len()]);
         let opposite: Vec<_> = self.multipliers.iter().map(|w| -w).collect();

@@ -6,7 +6,8 @@
 
 use nalgebra::Vector3;
 
-use super::linearise::step_jacobians;
+use super::jacobians::step_jacobians;
+use super::servos::Acting;
 use super::step_adjoint::StepAdjoint;
 use super::{DynamicsError, Rollout, State};
 use crate::chain::Chain;
@@ -50,6 +51,20 @@ pub fn rollout_tangent(
     states: &[State],
     direction: &RolloutDirection,
 ) -> Result<Vec<StateTangent>, DynamicsError> {
+    tangent_by(
+        &mut StepAdjoint::new(robot, timestep)?,
+        (rollout, states),
+        direction,
+    )
+}
+
+/// The same by the `adjoint` of the steps of a motion and the states after them.
+pub(crate) fn tangent_by(
+    adjoint: &mut StepAdjoint,
+    (rollout, states): (&Rollout, &[State]),
+    direction: &RolloutDirection,
+) -> Result<Vec<StateTangent>, DynamicsError> {
+    let (robot, timestep) = (&adjoint.robot().clone(), adjoint.timestep());
     let (steps, dof, discs) = (rollout.commands.len(), robot.dof(), robot.discs().len());
     for (what, expected, found) in [
         ("list of states", steps, states.len()),
@@ -68,13 +83,14 @@ pub fn rollout_tangent(
         }
     }
     let model = Model::new(robot, rollout, direction)?;
-    let mut adjoint = StepAdjoint::new(robot, timestep)?;
+    let acting = Acting::new(robot, &rollout.commands, timestep);
+    let by_acting = acting.push_forward(&direction.commands);
     let mut chain = Chain::new(robot);
     let mut coordinates = direction.start.clone();
     let mut before = &rollout.start;
     let mut tangents = Vec::with_capacity(steps);
     for (step, after) in states.iter().enumerate() {
-        let command = &rollout.commands[step];
+        let command = acting.command(step);
         adjoint.expand(before, command, &rollout.loads)?;
         // Change of each rate: its gradient along the direction.
         let mut rates = vec![0.0; dof];
@@ -90,7 +106,7 @@ pub fn rollout_tangent(
                 &mut by_model,
             )?;
             *rate = dot(&gradient, &coordinates)
-                + dot(&by_command, &direction.commands[step])
+                + dot(&by_command, &by_acting[step])
                 + model.along(&by_model);
         }
         // q+ = q exp(h v+).

@@ -6,6 +6,7 @@
 
 mod bounds;
 mod coupled;
+mod derivatives;
 mod gather;
 mod law;
 mod objects;
@@ -28,7 +29,7 @@ use super::law::STIFFEST;
 use super::near::Neighbourhood;
 use super::near_pairs::PairNeighbourhood;
 use super::{Activity, Contact};
-use crate::dynamics::{DynamicsError, Energy, Resistance, State, Stepper};
+use crate::dynamics::{DynamicsError, Energy, Resistance, Rollout, State, Stepper};
 use crate::geometry::Beads;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::{Scene, SelfContact};
@@ -246,6 +247,17 @@ impl ContactStepper {
             self.follow_objects();
         }
         Ok(())
+    }
+
+    /// The states after each step of `rollout`, at the start of which the servos have come to the first command.
+    ///
+    /// # Errors
+    /// [`DynamicsError`] of the first step that fails.
+    pub fn rollout(&mut self, rollout: &Rollout) -> Result<Vec<State>, DynamicsError> {
+        let timestep = self.stepper.timestep();
+        rollout.states(&self.stepper.robot().clone(), timestep, |state, command| {
+            self.step(state, command, &rollout.loads)
+        })
     }
 
     /// Energy of `state` under `command` and `loads`, with that of pressed surfaces of [`ContactLaw::Compliant`] in the potential.

@@ -7,7 +7,7 @@ use super::law::Push;
 use crate::geometry::Bead;
 
 /// Sliding velocity (m/s) up to which a contact sticks: it creeps by as much at most.
-const STICK: f64 = 1e-6;
+pub(super) const STICK: f64 = 1e-6;
 
 /// What a contact acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

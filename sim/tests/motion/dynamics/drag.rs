@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::contact::{ContactLaw, ContactStepper};
-use tdcr_sim::dynamics::{DynamicsError, Integrator, Lineariser, State, Stepper};
+use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::robot::{Backbone, Fluid, Frame, Loads, PerDisc, Robot, RobotSpec, Routing, Wrench};
 use tdcr_sim::scene::{Obstacle, Scene};
 
@@ -143,5 +143,4 @@ fn a_robot_far_from_obstacles_moves_as_without_a_scene_and_the_rest_is_refused()
     assert_eq!(states[0], states[1]);
     let refused = Stepper::new(&robot, 0.002, Integrator::ImplicitMidpoint).unwrap_err();
     assert_eq!(refused, DynamicsError::InFluid);
-    assert_eq!(Lineariser::new(&robot, 0.002).unwrap_err(), refused);
 }

@@ -2,12 +2,14 @@
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
+use tdcr_sim::contact::{ContactLaw, ContactStepper};
 use tdcr_sim::dynamics::{
     Integrator, Rollout, RolloutDirection, RolloutGradient, State, StateCotangent, Stepper,
     rollout_gradient,
 };
 use tdcr_sim::pose::PoseTangent;
 use tdcr_sim::robot::{Axis, Body, Frame, Parameter, Payload, Robot, RobotSpec, Wrench};
+use tdcr_sim::scene::Scene;
 
 use super::super::derivatives::{nudged_command, random_rollout};
 use super::super::difference;
@@ -64,11 +66,17 @@ pub struct Case {
     pub spec: RobotSpec,
     pub rollout: Rollout,
     pub weights: Vec<StateCotangent>,
+    /// What it is among, if anything.
+    pub scene: Option<Scene>,
 }
 
 impl Case {
     pub fn random(robot: &Robot, steps: usize, rng: &mut ChaCha8Rng) -> Self {
-        let rollout = random_rollout(robot, steps, rng);
+        Self::of(robot, random_rollout(robot, steps, rng), rng)
+    }
+
+    pub fn of(robot: &Robot, rollout: Rollout, rng: &mut ChaCha8Rng) -> Self {
+        let steps = rollout.commands.len();
         let n = robot.discs().len();
         let mut number = || within(-1.0, 1.0, rng);
         let mut weights = || StateCotangent {
@@ -84,14 +92,27 @@ impl Case {
             spec: robot.spec().clone(),
             weights: (0..=steps).map(|_| weights()).collect(),
             rollout,
+            scene: None,
         }
+    }
+
+    fn stepper(&self, robot: &Robot) -> Stepper {
+        Stepper::new(robot, TIMESTEP, Integrator::SemiImplicitEuler).unwrap()
+    }
+
+    /// A stepper among what the motion is among.
+    pub fn among(&self, scene: &Scene) -> ContactStepper {
+        let robot = Robot::new(self.spec.clone()).unwrap();
+        ContactStepper::new(self.stepper(&robot), scene, ContactLaw::default()).unwrap()
     }
 
     pub fn states(&self) -> (Robot, Vec<State>) {
         let robot = Robot::new(self.spec.clone()).unwrap();
-        let mut stepper = Stepper::new(&robot, TIMESTEP, Integrator::SemiImplicitEuler).unwrap();
         let mut states = vec![self.rollout.start.clone()];
-        states.extend(stepper.rollout(&self.rollout).unwrap());
+        states.extend(match &self.scene {
+            Some(scene) => self.among(scene).rollout(&self.rollout).unwrap(),
+            None => self.stepper(&robot).rollout(&self.rollout).unwrap(),
+        });
         (robot, states)
     }
 
@@ -102,8 +123,12 @@ impl Case {
             assert!(cotangent.coordinates.iter().all(|x| *x == 0.0));
             cotangent.clone_from(&self.weights[k]);
         };
-        let states = &states[1..];
-        rollout_gradient(&robot, TIMESTEP, &self.rollout, states, parameters, cost).unwrap()
+        let (rollout, states) = (&self.rollout, &states[1..]);
+        match &self.scene {
+            Some(scene) => (self.among(scene)).rollout_gradient(rollout, states, parameters, cost),
+            None => rollout_gradient(&robot, TIMESTEP, rollout, states, parameters, cost),
+        }
+        .unwrap()
     }
 
     /// The gradient, and that by parameters that may overlap: those that do not, at once.
@@ -173,6 +198,7 @@ impl Case {
             spec: self.spec.clone(),
             rollout: self.rollout.clone(),
             weights: Vec::new(),
+            scene: self.scene.clone(),
         };
         let robot = Robot::new(self.spec.clone()).unwrap();
         let loads = &mut moved.rollout.loads;

@@ -1,6 +1,7 @@
 //! Gradients of motions by everything that they depend on, against differences of motions.
 
 mod case;
+mod surroundings;
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -112,6 +113,7 @@ fn gradients_by_start_and_commands_are_differences_of_motions() {
         spec: case.spec.clone(),
         rollout,
         weights: Vec::new(),
+        scene: None,
     };
     for (index, found) in gradient.start.iter().enumerate() {
         let expected = case.numeric(1e-4, |by| {
