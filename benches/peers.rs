@@ -146,6 +146,7 @@ fn rollout(robot: &Robot) -> f64 {
         start: State::straight(robot),
         commands: moving(robot, 500),
         loads: Loads::default(),
+        wrenches: Vec::new(),
     };
     let batch = vec![rollout; ROLLOUTS];
     let time = |_| {

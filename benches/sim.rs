@@ -143,6 +143,7 @@ fn step(criterion: &mut Criterion) {
             start: State::straight(&robot),
             commands: sweep.iter().cycle().take(GRADIENT_STEPS).cloned().collect(),
             loads: Loads::default(),
+            wrenches: Vec::new(),
         };
         let states = stepper.rollout(&rollout).expect("a motion");
         group.bench_function(

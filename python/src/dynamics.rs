@@ -1,5 +1,7 @@
 //! Motion by rows of commands.
 
+use std::borrow::Cow;
+
 use nalgebra::UnitQuaternion;
 use numpy::{PyArray1, PyArray3, PyArray4, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -46,6 +48,14 @@ pub struct Start<'py>(
     bool,
 );
 
+/// What rows move among, as it comes from Python: a scene, and wrenches on each disc at each command, shape (rows, commands, discs, 6),
+/// besides the loads.
+#[derive(FromPyObject)]
+pub struct Around<'py>(
+    Option<PyRef<'py, Scene>>,
+    Option<PyReadonlyArray4<'py, f64>>,
+);
+
 /// What each row is asked for.
 pub struct Motions {
     /// One for all rows, or one a row; all of as many discs and tendons.
@@ -59,8 +69,10 @@ pub struct Motions {
     pub discs: usize,
     pub tendons: usize,
     pub steps: Steps,
-    /// Obstacles around all of them.
-    pub scene: SimScene,
+    /// Obstacles around all of them, where a scene is given.
+    pub scene: Option<SimScene>,
+    /// Force and moment on each disc at each command of all rows; empty where they do not vary.
+    wrenches: Vec<[f64; 6]>,
 }
 
 /// What became of the motion of a row.
@@ -138,7 +150,8 @@ impl Motions {
             discs,
             tendons,
             steps,
-            scene: SimScene::default(),
+            scene: None,
+            wrenches: Vec::new(),
         };
         for row in 0..rows {
             let loads = of_rows
@@ -149,6 +162,39 @@ impl Motions {
             motions.loads.push(loads);
         }
         Ok(motions)
+    }
+
+    /// The same among what surrounds them.
+    pub fn among(mut self, around: &Around<'_>) -> Outcome<Self> {
+        let Around(scene, wrenches) = around;
+        self.scene = scene.as_ref().map(|scene| scene.0.clone());
+        if let Some(wrenches) = wrenches {
+            let shape = [self.rows, self.length, self.discs, 6];
+            let wrenches = contiguous(wrenches, "wrench", &shape)?;
+            self.wrenches = wrenches.as_chunks::<6>().0.to_vec();
+        }
+        Ok(self)
+    }
+
+    /// Whether wrenches vary from command to command.
+    pub fn vary(&self) -> bool {
+        !self.wrenches.is_empty()
+    }
+
+    /// Force and moment on each disc at a command, besides the loads; empty where they do not vary.
+    pub fn wrenches(&self, row: usize, step: usize) -> &[[f64; 6]] {
+        let at = (row * self.length + step) * self.discs;
+        self.wrenches.get(at..at + self.discs).unwrap_or_default()
+    }
+
+    /// The loads of a row at a command.
+    pub fn loads(&self, row: usize, step: usize) -> Outcome<Cow<'_, SimLoads>> {
+        let loads = &self.loads[row];
+        if !self.vary() {
+            return Ok(Cow::Borrowed(loads));
+        }
+        let varying = Loads(loads.clone()).with(None, self.wrenches(row, step))?;
+        Ok(Cow::Owned(varying))
     }
 
     pub fn robot(&self, row: usize) -> &SimRobot {
@@ -187,16 +233,22 @@ impl Motions {
         }
         let robot = self.robot(row);
         if at_hand.is_none() {
-            *at_hand = Some(self.steps.moving(robot, &self.scene)?);
+            let nothing = SimScene::default();
+            let scene = self.scene.as_ref().unwrap_or(&nothing);
+            *at_hand = Some(self.steps.moving(robot, scene)?);
         }
         let moving = at_hand.as_mut().expect("just made");
         let first = match self.length {
             0 => robot.mean_command(),
             _ => self.command(row, 0)?,
         };
+        let first_loads = match self.length {
+            0 => Cow::Borrowed(&self.loads[row]),
+            _ => self.loads(row, 0)?,
+        };
         let started = match &self.starts {
             Starts::Straight => moving.start_at(&State::straight(robot), &first),
-            Starts::Settled => moving.reset(&first, &self.loads[row]),
+            Starts::Settled => moving.reset(&first, &first_loads),
             Starts::At { joints, velocity } => {
                 let [n, at] = [self.discs, row * self.discs];
                 let state = State {
@@ -230,7 +282,8 @@ impl Motions {
                 break;
             }
             let command = self.command(row, step)?;
-            match moving.advance(&command, &self.loads[row]) {
+            let loads = self.loads(row, step)?;
+            match moving.advance(&command, &loads) {
                 Ok(()) => out.write(step, moving, self),
                 Err(SimulationError::Dynamics(error)) => return Ok(ended(step, moving, error)),
                 Err(error) => return Err(error.into()),
@@ -296,8 +349,8 @@ impl Row<'_> {
         self.tensions[part(t)].copy_from_slice(pose.tendon_tensions);
         let width = objects::WIDTH * moving.objects().len();
         objects::write(moving, &mut self.objects[part(width)]);
-        if !of.scene.is_empty() {
-            (self.touched).push(Touched::in_motion(moving.contacts(), &of.scene));
+        if let Some(scene) = of.scene.as_ref().filter(|scene| !scene.is_empty()) {
+            (self.touched).push(Touched::in_motion(moving.contacts(), scene));
         }
         *self.steps = u32::try_from(step + 1).unwrap_or(u32::MAX);
     }
@@ -316,7 +369,7 @@ pub fn parts<T>(values: &mut [T], rows: usize) -> impl Iterator<Item = &mut [T]>
 
 /// Moves each row through its commands, on all threads. `progress` is told how many more commands are done.
 #[pyfunction]
-#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, scene=None, progress=None))]
+#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, around, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn rollout_rows(
     py: Python<'_>,
@@ -327,10 +380,10 @@ pub fn rollout_rows(
     wrench: Option<PyReadonlyArray3<'_, f64>>,
     start: Start<'_>,
     steps: PyRef<'_, Steps>,
-    scene: Option<PyRef<'_, Scene>>,
+    around: Around<'_>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> Outcome<MotionRows> {
-    let mut motions = Motions::new(
+    let motions = Motions::new(
         &robots,
         &commands,
         &loads,
@@ -338,16 +391,15 @@ pub fn rollout_rows(
         wrench.as_ref(),
         &start,
         *steps,
-    )?;
-    motions.scene = scene.map(|scene| scene.0.clone()).unwrap_or_default();
-    let motions = motions;
+    )?
+    .among(&around)?;
     let (rows, length) = (motions.rows, motions.length);
     let (n, t) = (motions.discs, motions.tendons);
     let none = |width: usize| vec![f64::NAN; rows * length * width];
     let [mut positions, mut velocity] = [none(3 * n), none(3 * n)];
     let [mut quaternions, mut configuration] = [none(4 * n), none(4 * n)];
     let [mut lengths, mut tensions] = [none(t), none(t)];
-    let count = objects::count(&motions.scene);
+    let count = motions.scene.as_ref().map_or(0, objects::count);
     let mut things = none(objects::WIDTH * count);
     let mut taken = vec![0; rows];
     let (ends, touched) = run::long(py, progress.as_ref(), |watch| {

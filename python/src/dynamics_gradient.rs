@@ -2,24 +2,27 @@
 
 use nalgebra::{DMatrix, Quaternion, UnitQuaternion, Vector3};
 use numpy::{
-    PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyArray1, PyArray2, PyArray3, PyArray4, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyReadonlyArray4,
 };
 use pyo3::prelude::*;
 use rayon::prelude::*;
+use tdcr::sim::contact::{ContactLaw, ContactStepper};
 use tdcr::sim::dynamics::{
-    DynamicsError, Lineariser, Rollout, State, StateCotangent, rollout_gradient,
+    DynamicsError, Integrator, Lineariser, Rollout, State, StateCotangent, Stepper,
+    rollout_gradient,
 };
 use tdcr::sim::pose::rotation_cotangent;
 use tdcr::sim::robot::Parameter;
 use tdcr::sim::simulation::{MovingRobot, Simulation, SimulationError};
 
 use crate::arrays::{array, contiguous};
-use crate::dynamics::{End, Motions, Start, command_of, ended, failures, parts, state};
+use crate::dynamics::{Around, End, Motions, Start, command_of, ended, failures, parts, state};
 use crate::errors::Outcome;
 use crate::loads::Loads;
 use crate::robot::{Robot, parameters_of};
 use crate::run::{self, Watch};
+use crate::scene::Scene;
 use crate::steps::Steps;
 
 /// Derivatives of a cost by the states after each command of all rows, as they come from Python: positions (rows, commands,
@@ -87,6 +90,8 @@ pub struct RolloutGradientRows {
     velocity: Py<PyArray3<f64>>,
     payload: Py<PyArray1<f64>>,
     wrench: Py<PyArray3<f64>>,
+    /// By the wrenches at each command, where they vary.
+    wrenches: Option<Py<PyArray4<f64>>>,
     parameters: Py<PyArray2<f64>>,
     /// Rows that could not go on or have no derivatives: class of the exception, and why.
     failures: Vec<(usize, &'static str, String)>,
@@ -99,6 +104,8 @@ struct Row<'a> {
     velocity: &'a mut [f64],
     payload: &'a mut f64,
     wrench: &'a mut [f64],
+    /// At each command; empty where it is not asked for.
+    wrenches: &'a mut [f64],
     parameters: &'a mut [f64],
 }
 
@@ -137,6 +144,7 @@ impl Motions {
                 start: moving.state().clone(),
                 commands: Vec::with_capacity(self.length * skip),
                 loads: self.loads[row].clone(),
+                wrenches: Vec::new(),
             },
             states: Vec::with_capacity(self.length * skip),
             orientations: Vec::with_capacity(self.length),
@@ -145,9 +153,9 @@ impl Motions {
             if watch.stopped() {
                 return Ok(Err(End::Whole));
             }
-            let command = self.command(row, step)?;
+            let (command, loads) = (self.command(row, step)?, self.loads(row, step)?);
             for _ in 0..skip {
-                match moving.advance_by(&command, &replayed.rollout.loads, 1) {
+                match moving.advance_by(&command, &loads, 1) {
                     Ok(()) => replayed.states.push(moving.state().clone()),
                     Err(SimulationError::Dynamics(error)) => {
                         return Ok(Err(ended(step, moving, error)));
@@ -157,11 +165,24 @@ impl Motions {
             }
             let commands = &mut replayed.rollout.commands;
             commands.extend(std::iter::repeat_n(command, skip));
+            if self.vary() {
+                let wrenches = self
+                    .wrenches(row, step)
+                    .iter()
+                    .map(|wrench| vectors(*wrench));
+                let wrenches = std::iter::repeat_n(wrenches.collect(), skip);
+                replayed.rollout.wrenches.extend(wrenches);
+            }
             let orientations = moving.pose().orientations.to_vec();
             replayed.orientations.push(orientations);
         }
         Ok(Ok(replayed))
     }
+}
+
+/// Force and moment of a wrench.
+pub fn vectors([fx, fy, fz, mx, my, mz]: [f64; 6]) -> [Vector3<f64>; 2] {
+    [Vector3::new(fx, fy, fz), Vector3::new(mx, my, mz)]
 }
 
 impl Question<'_> {
@@ -191,7 +212,14 @@ impl Question<'_> {
             }
         };
         let (robot, timestep) = (motions.robot(row), self.steps.timestep);
-        let gradient = rollout_gradient(robot, timestep, &rollout, &states, &self.parameters, cost);
+        let parameters = &self.parameters;
+        let among = at_hand.as_ref().filter(|_| motions.scene.is_some());
+        let gradient = match among {
+            Some(moving) => {
+                (moving.contact_stepper()).rollout_gradient(&rollout, &states, parameters, cost)
+            }
+            None => rollout_gradient(robot, timestep, &rollout, &states, parameters, cost),
+        };
         let gradient = match gradient {
             Ok(gradient) => gradient,
             Err(error @ DynamicsError::NotDifferentiable) => {
@@ -223,6 +251,20 @@ impl Question<'_> {
         for (out, (f, m)) in out.wrench.as_chunks_mut::<6>().0.iter_mut().zip(wrenches) {
             *out = [f.x, f.y, f.z, m.x, m.y, m.z];
         }
+        // A wrench holds for as long as a command.
+        if !out.wrenches.is_empty() {
+            let held = gradient.wrenches.chunks_exact(skip);
+            for (out, held) in parts(out.wrenches, motions.length).zip(held) {
+                for (disc, out) in out.as_chunks_mut::<6>().0.iter_mut().enumerate() {
+                    let [f, m] = [0, 1].map(|kind| {
+                        held.iter()
+                            .map(|step| step[disc][kind])
+                            .sum::<Vector3<f64>>()
+                    });
+                    *out = [f.x, f.y, f.z, m.x, m.y, m.z];
+                }
+            }
+        }
         *out.payload = gradient.parameters[self.payload];
         let asked = out.parameters.len();
         out.parameters
@@ -241,7 +283,7 @@ fn quaternion_cotangent(q: &UnitQuaternion<f64>, by_turn: &Vector3<f64>) -> [f64
 /// Derivatives of a cost of each row by what its motion depends on, from those by the states after each command, on all
 /// threads. Rows without one are not numbers. `progress` is told how many more rows are done.
 #[pyfunction]
-#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, by_states, names, progress=None))]
+#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, around, by_states, names, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn rollout_vjp_rows(
     py: Python<'_>,
@@ -252,6 +294,7 @@ pub fn rollout_vjp_rows(
     wrench: Option<PyReadonlyArray3<'_, f64>>,
     start: Start<'_>,
     steps: PyRef<'_, Steps>,
+    around: Around<'_>,
     by_states: ByStates<'_>,
     names: Vec<String>,
     progress: Option<Bound<'_, PyAny>>,
@@ -265,7 +308,8 @@ pub fn rollout_vjp_rows(
         wrench.as_ref(),
         &start,
         *steps,
-    )?;
+    )?
+    .among(&around)?;
     let mut parameters = parameters_of(motions.robot(0), &names)?;
     let named = parameters.iter().position(|p| *p == Parameter::Payload);
     let payload_at = named.unwrap_or_else(|| {
@@ -285,17 +329,26 @@ pub fn rollout_vjp_rows(
     let [mut by_commands, mut by_parameters] = [none(length * t), none(width)];
     let [mut by_configuration, mut by_velocity] = [none(4 * n), none(3 * n)];
     let [mut by_payload, mut by_wrench] = [none(1), none(6 * n)];
+    let mut by_wrenches = match motions.vary() {
+        true => none(length * 6 * n),
+        false => Vec::new(),
+    };
     let ends: Vec<Outcome<End>> = run::long(py, progress.as_ref(), |watch| {
         let starts = parts(&mut by_configuration, rows).zip(parts(&mut by_velocity, rows));
         let loads = by_payload.iter_mut().zip(parts(&mut by_wrench, rows));
         let others = parts(&mut by_commands, rows).zip(parts(&mut by_parameters, rows));
+        let others = others.zip(parts(&mut by_wrenches, rows));
         let out = starts.zip(loads).zip(others).map(
-            |(((configuration, velocity), (payload, wrench)), (commands, parameters))| Row {
+            |(
+                ((configuration, velocity), (payload, wrench)),
+                ((commands, parameters), wrenches),
+            )| Row {
                 commands,
                 configuration,
                 velocity,
                 payload,
                 wrench,
+                wrenches,
                 parameters,
             },
         );
@@ -319,6 +372,10 @@ pub fn rollout_vjp_rows(
         velocity: array(py, by_velocity, [rows, n, 3])?.unbind(),
         payload: array(py, by_payload, [rows])?.unbind(),
         wrench: array(py, by_wrench, [rows, n, 6])?.unbind(),
+        wrenches: match motions.vary() {
+            true => Some(array(py, by_wrenches, [rows, length, n, 6])?.unbind()),
+            false => None,
+        },
         parameters: array(py, by_parameters, [rows, width])?.unbind(),
         failures,
     })
@@ -328,6 +385,8 @@ type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
 /// Derivatives of a semi-implicit Euler step from a state: by the state, shape (6 n, 6 n), and by the command, (6 n, tendons).
 #[pyfunction]
+#[pyo3(signature = (robot, configuration, velocity, command, loads, timestep, scene=None))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn linearise<'py>(
     py: Python<'py>,
     robot: PyRef<'_, Robot>,
@@ -336,12 +395,22 @@ pub fn linearise<'py>(
     command: PyReadonlyArray1<'_, f64>,
     loads: PyRef<'_, Loads>,
     timestep: f64,
+    scene: Option<PyRef<'_, Scene>>,
 ) -> Outcome<(Matrix<'py>, Matrix<'py>)> {
     let state = state(&robot.0, &configuration, &velocity)?;
     let command = command_of(&robot.0, &command)?;
     let (robot, loads) = (&robot.0, &loads.0);
-    let linear =
-        py.detach(|| Lineariser::new(robot, timestep)?.linearise(&state, &command, loads))?;
+    let scene = scene.as_ref().map(|scene| &scene.0);
+    let linear = py.detach(|| {
+        let mut lineariser = match scene {
+            Some(scene) => {
+                let stepper = Stepper::new(robot, timestep, Integrator::SemiImplicitEuler)?;
+                ContactStepper::new(stepper, scene, ContactLaw::default())?.lineariser()?
+            }
+            None => Lineariser::new(robot, timestep)?,
+        };
+        lineariser.linearise(&state, &command, loads)
+    })?;
     let rows = |matrix: &DMatrix<f64>| {
         let shape = [matrix.nrows(), matrix.ncols()];
         array(py, matrix.transpose().as_slice().to_vec(), shape)

@@ -1,7 +1,7 @@
 //! Tangents of motions, by rows.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use numpy::{PyArray4, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray4, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use tdcr::sim::dynamics::{DynamicsError, RolloutDirection, rollout_tangent};
@@ -9,8 +9,8 @@ use tdcr::sim::robot::Parameter;
 use tdcr::sim::simulation::MovingRobot;
 
 use crate::arrays::{array, contiguous};
-use crate::dynamics::{End, Motions, Start, failures, parts};
-use crate::dynamics_gradient::Replayed;
+use crate::dynamics::{Around, End, Motions, Start, failures, parts};
+use crate::dynamics_gradient::{Replayed, vectors};
 use crate::errors::Outcome;
 use crate::loads::Loads;
 use crate::robot::{Robot, parameters_of};
@@ -19,7 +19,7 @@ use crate::sensitivity::quaternion_change;
 use crate::steps::Steps;
 
 /// How all that the rows depend on changes, as it comes from Python: commands (rows, commands, tendons), configuration (rows,
-/// discs, 4), velocity (rows, discs, 3), payload (rows,), wrench (rows, discs, 6), parameters (rows, parameters).
+/// discs, 4), velocity (rows, discs, 3), payload (rows,), wrench (rows, discs, 6), parameters (rows, parameters), and where they vary wrenches (rows, commands, discs, 6).
 #[derive(FromPyObject)]
 pub struct Rates<'py>(
     PyReadonlyArray3<'py, f64>,
@@ -28,6 +28,7 @@ pub struct Rates<'py>(
     PyReadonlyArray1<'py, f64>,
     PyReadonlyArray3<'py, f64>,
     PyReadonlyArray2<'py, f64>,
+    Option<PyReadonlyArray4<'py, f64>>,
 );
 
 /// The same, as numbers one after another.
@@ -38,6 +39,8 @@ struct Numbers {
     payload: Vec<f64>,
     wrench: Vec<f64>,
     parameters: Vec<f64>,
+    /// Empty where they do not vary.
+    wrenches: Vec<f64>,
 }
 
 impl Numbers {
@@ -51,6 +54,13 @@ impl Numbers {
             payload: contiguous(&rates.3, "payload_rates", &[rows])?.to_vec(),
             wrench: contiguous(&rates.4, "wrench_rates", &[rows, n, 6])?.to_vec(),
             parameters: contiguous(&rates.5, "parameter_rates", &[rows, width])?.to_vec(),
+            wrenches: match &rates.6 {
+                Some(wrenches) => {
+                    let shape = [rows, motions.length, n, 6];
+                    contiguous(wrenches, "wrench_rates", &shape)?.to_vec()
+                }
+                None => Vec::new(),
+            },
         })
     }
 
@@ -77,7 +87,7 @@ impl Numbers {
             .as_chunks::<6>()
             .0
             .iter()
-            .map(|&[fx, fy, fz, mx, my, mz]| (Vector3::new(fx, fy, fz), Vector3::new(mx, my, mz)))
+            .map(|wrench| <(_, _)>::from(vectors(*wrench)))
             .unzip();
         // A command holds for some steps. The payload is one of the parameters, or named besides them.
         let commands = part(&self.commands).chunks_exact(motions.tendons.max(1));
@@ -95,6 +105,17 @@ impl Numbers {
             forces,
             moments,
             parameters,
+            wrenches: part(&self.wrenches)
+                .as_chunks::<6>()
+                .0
+                .chunks_exact(motions.discs)
+                .map(|step| {
+                    step.iter()
+                        .map(|wrench| vectors(*wrench))
+                        .collect::<Vec<_>>()
+                })
+                .flat_map(|step| std::iter::repeat_n(step, motions.steps.skip))
+                .collect(),
         }
     }
 }
@@ -139,7 +160,10 @@ fn differentiate(
     };
     let direction = rates.direction(motions, row, &rollout.start.configuration.0, names);
     let Steps { timestep, skip, .. } = motions.steps;
-    let tangents = rollout_tangent(motions.robot(row), timestep, &rollout, &states, &direction);
+    let tangents = match at_hand.as_ref().filter(|_| motions.scene.is_some()) {
+        Some(moving) => (moving.contact_stepper()).rollout_tangent(&rollout, &states, &direction),
+        None => rollout_tangent(motions.robot(row), timestep, &rollout, &states, &direction),
+    };
     let tangents = match tangents {
         Ok(tangents) => tangents,
         Err(error @ DynamicsError::NotDifferentiable) => return Ok(End::Failed(error.into())),
@@ -163,7 +187,7 @@ fn differentiate(
 /// Changes of the states after each command of all rows when what they depend on changes at `rates`, on all threads.
 /// `progress` is told how many more rows are done.
 #[pyfunction]
-#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, rates, names, progress=None))]
+#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, around, rates, names, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn rollout_jvp_rows(
     py: Python<'_>,
@@ -174,6 +198,7 @@ pub fn rollout_jvp_rows(
     wrench: Option<PyReadonlyArray3<'_, f64>>,
     start: Start<'_>,
     steps: PyRef<'_, Steps>,
+    around: Around<'_>,
     rates: Rates<'_>,
     names: Vec<String>,
     progress: Option<Bound<'_, PyAny>>,
@@ -187,7 +212,8 @@ pub fn rollout_jvp_rows(
         wrench.as_ref(),
         &start,
         *steps,
-    )?;
+    )?
+    .among(&around)?;
     let names = parameters_of(motions.robot(0), &names)?;
     let rates = Numbers::new(&rates, &motions, names.len())?;
     let (rows, length, n) = (motions.rows, motions.length, motions.discs);

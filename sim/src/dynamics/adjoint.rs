@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::rollout::StepLoads;
 use super::servos::Acting;
 use super::step_adjoint::StepAdjoint;
 use super::{DynamicsError, Rollout, State};
@@ -40,6 +41,8 @@ pub struct RolloutGradient {
     pub forces: Vec<Vector3<f64>>,
     /// By a moment on each disc, world frame, the same at every step (1/(N m)).
     pub moments: Vec<Vector3<f64>>,
+    /// The same of each step alone: by force and moment on each disc.
+    pub wrenches: Vec<Vec<[Vector3<f64>; 2]>>,
     /// By each of the parameters asked for, the same at every step.
     pub parameters: Vec<f64>,
 }
@@ -107,6 +110,8 @@ pub(crate) fn gradient_by(
     let mut seen = Seen::new(robot);
     let mut cotangent = vec![0.0; 2 * robot.dof()];
     let mut commands = vec![Vec::new(); steps];
+    let mut wrenches = vec![Vec::new(); steps];
+    let mut loads = StepLoads::new(robot, rollout)?;
     for step in (0..steps).rev() {
         seen.add(step + 1, &states[step], &mut cost, &mut cotangent);
         let before = match step.checked_sub(1) {
@@ -114,14 +119,14 @@ pub(crate) fn gradient_by(
             Some(last) => &states[last],
         };
         let command = acting.command(step);
-        adjoint.expand(before, command, &rollout.loads)?;
-        commands[step] = adjoint.pull_back(
-            before,
-            command,
-            &rollout.loads,
-            &mut cotangent,
-            &mut seen.model,
-        )?;
+        let loads = loads.at(step)?;
+        adjoint.expand(before, command, loads)?;
+        let model = &mut seen.model;
+        let later = model.take_wrenches();
+        commands[step] = adjoint.pull_back(before, command, loads, &mut cotangent, model)?;
+        let own = model.at_origin.iter().zip(&model.moments);
+        wrenches[step] = own.map(|(force, moment)| [*force, *moment]).collect();
+        model.add_wrenches(&later);
     }
     seen.add(0, &rollout.start, &mut cost, &mut cotangent);
     acting.pull_back(&mut commands);
@@ -132,6 +137,7 @@ pub(crate) fn gradient_by(
         parameters: tangents.iter().map(|tangent| tangent.dot(&model)).collect(),
         forces: model.at_origin,
         moments: model.moments,
+        wrenches,
     })
 }
 

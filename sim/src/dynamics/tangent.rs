@@ -7,6 +7,7 @@
 use nalgebra::Vector3;
 
 use super::jacobians::step_jacobians;
+use super::rollout::StepLoads;
 use super::servos::Acting;
 use super::step_adjoint::StepAdjoint;
 use super::{DynamicsError, Rollout, State};
@@ -26,6 +27,8 @@ pub struct RolloutDirection {
     pub forces: Vec<Vector3<f64>>,
     /// Of a moment on each disc, world frame, the same at every step (N m).
     pub moments: Vec<Vector3<f64>>,
+    /// The same of each step alone: of force and moment on each disc; empty where there is none.
+    pub wrenches: Vec<Vec<[Vector3<f64>; 2]>>,
     /// Of parameters, the same at every step.
     pub parameters: Vec<(Parameter, f64)>,
 }
@@ -66,7 +69,19 @@ pub(crate) fn tangent_by(
 ) -> Result<Vec<StateTangent>, DynamicsError> {
     let (robot, timestep) = (&adjoint.robot().clone(), adjoint.timestep());
     let (steps, dof, discs) = (rollout.commands.len(), robot.dof(), robot.discs().len());
+    let wrenches = &direction.wrenches;
+    let of_step = wrenches.iter().find(|step| step.len() != discs);
     for (what, expected, found) in [
+        (
+            "direction of wrenches",
+            if wrenches.is_empty() { 0 } else { steps },
+            wrenches.len(),
+        ),
+        (
+            "direction of the wrenches of a step",
+            discs,
+            of_step.map_or(discs, Vec::len),
+        ),
         ("list of states", steps, states.len()),
         ("direction of commands", steps, direction.commands.len()),
         ("direction of the start", 2 * dof, direction.start.len()),
@@ -85,29 +100,25 @@ pub(crate) fn tangent_by(
     let model = Model::new(robot, rollout, direction)?;
     let acting = Acting::new(robot, &rollout.commands, timestep);
     let by_acting = acting.push_forward(&direction.commands);
+    let mut loads = StepLoads::new(robot, rollout)?;
     let mut chain = Chain::new(robot);
     let mut coordinates = direction.start.clone();
     let mut before = &rollout.start;
     let mut tangents = Vec::with_capacity(steps);
     for (step, after) in states.iter().enumerate() {
-        let command = acting.command(step);
-        adjoint.expand(before, command, &rollout.loads)?;
+        let (command, loads) = (acting.command(step), loads.at(step)?);
+        adjoint.expand(before, command, loads)?;
         // Change of each rate: its gradient along the direction.
         let mut rates = vec![0.0; dof];
         for (i, rate) in rates.iter_mut().enumerate() {
             let mut gradient = vec![0.0; 2 * dof];
             gradient[dof + i] = 1.0;
             let mut by_model = ModelTangent::zero(robot);
-            let by_command = adjoint.pull_back(
-                before,
-                command,
-                &rollout.loads,
-                &mut gradient,
-                &mut by_model,
-            )?;
+            let by_command =
+                adjoint.pull_back(before, command, loads, &mut gradient, &mut by_model)?;
             *rate = dot(&gradient, &coordinates)
                 + dot(&by_command, &by_acting[step])
-                + model.along(&by_model);
+                + model.along(&by_model, step);
         }
         // q+ = q exp(h v+).
         let (turns, old_rates) = coordinates.split_at_mut(dof);
@@ -155,13 +166,17 @@ impl<'a> Model<'a> {
         })
     }
 
-    /// Change of a number with this gradient by the model.
-    fn along(&self, gradient: &ModelTangent) -> f64 {
+    /// Change of a number in a step with this gradient by the model.
+    fn along(&self, gradient: &ModelTangent, step: usize) -> f64 {
         let vectors = |a: &[Vector3<f64>], b: &[Vector3<f64>]| -> f64 {
             a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
         };
         let parameters = self.tangents.iter().map(|(one, by)| one.dot(gradient) * by);
+        let own = self.direction.wrenches.get(step).into_iter().flatten();
+        let own = own.zip(gradient.at_origin.iter().zip(&gradient.moments));
+        let own = own.map(|([force, moment], by)| force.dot(by.0) + moment.dot(by.1));
         parameters.sum::<f64>()
+            + own.sum::<f64>()
             + vectors(&self.direction.forces, &gradient.at_origin)
             + vectors(&self.direction.moments, &gradient.moments)
     }

@@ -108,6 +108,24 @@ impl Inertia {
 }
 
 impl ModelTangent {
+    /// Forces on the discs' origins and moments, which are none from here on.
+    pub(crate) fn take_wrenches(&mut self) -> [Vec<Vector3<f64>>; 2] {
+        [&mut self.at_origin, &mut self.moments].map(|wrenches| {
+            let none = vec![Vector3::zeros(); wrenches.len()];
+            std::mem::replace(wrenches, none)
+        })
+    }
+
+    /// Adds some that were taken.
+    pub(crate) fn add_wrenches(&mut self, [forces, moments]: &[Vec<Vector3<f64>>; 2]) {
+        let pairs = [(&mut self.at_origin, forces), (&mut self.moments, moments)];
+        for (own, others) in pairs {
+            own.iter_mut()
+                .zip(others)
+                .for_each(|(own, other)| *own += other);
+        }
+    }
+
     /// No change.
     pub fn zero(robot: &Robot) -> Self {
         let (n, tendons) = (robot.discs().len(), robot.tendons().len());

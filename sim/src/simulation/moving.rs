@@ -214,6 +214,11 @@ impl MovingRobot {
         Ok(moved?)
     }
 
+    /// What moves the robot among obstacles.
+    pub fn contact_stepper(&self) -> &ContactStepper {
+        &self.stepper
+    }
+
     /// The time step and how steps are taken.
     pub fn stepper(&self) -> &Stepper {
         self.stepper.stepper()

@@ -255,9 +255,11 @@ impl ContactStepper {
     /// [`DynamicsError`] of the first step that fails.
     pub fn rollout(&mut self, rollout: &Rollout) -> Result<Vec<State>, DynamicsError> {
         let timestep = self.stepper.timestep();
-        rollout.states(&self.stepper.robot().clone(), timestep, |state, command| {
-            self.step(state, command, &rollout.loads)
-        })
+        rollout.states(
+            &self.stepper.robot().clone(),
+            timestep,
+            |state, command, loads| self.step(state, command, loads),
+        )
     }
 
     /// Energy of `state` under `command` and `loads`, with that of pressed surfaces of [`ContactLaw::Compliant`] in the potential.

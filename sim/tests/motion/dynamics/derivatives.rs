@@ -94,6 +94,7 @@ pub fn random_rollout(robot: &Robot, steps: usize, rng: &mut ChaCha8Rng) -> Roll
         start: random_state(robot, rng),
         commands: (0..steps).map(|_| inner_command(robot, rng)).collect(),
         loads: all_loads(robot, rng),
+        wrenches: Vec::new(),
     }
 }
 

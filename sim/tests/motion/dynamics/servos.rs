@@ -198,6 +198,7 @@ fn a_late_servo_is_an_ideal_one_under_the_command_that_acts() {
                 .map(|value| command(robot, value))
                 .collect(),
             loads: Loads::default(),
+            wrenches: Vec::new(),
         };
         let mut stepper = Stepper::new(robot, h, Integrator::SemiImplicitEuler).unwrap();
         stepper.rollout(&rollout).unwrap()

@@ -188,6 +188,15 @@ impl Case {
             start: some(2 * robot.dof()),
             forces: three(some(3 * n)),
             moments: three(some(3 * n)),
+            wrenches: match self.rollout.wrenches.is_empty() {
+                true => Vec::new(),
+                false => self
+                    .rollout
+                    .commands
+                    .iter()
+                    .map(|_| three(some(6 * n)).as_chunks().0.to_vec())
+                    .collect(),
+            },
             parameters,
         }
     }

@@ -147,6 +147,7 @@ fn the_adjoint_of_a_step_is_the_transpose_of_its_linearisation() {
             start: random_state(&robot, &mut rng),
             commands: vec![inner_command(&robot, &mut rng)],
             loads: all_loads(&robot, &mut rng),
+            wrenches: Vec::new(),
         };
         let mut stepper = Stepper::new(&robot, TIMESTEP, Integrator::SemiImplicitEuler).unwrap();
         let states = stepper.rollout(&rollout).unwrap();
@@ -228,6 +229,7 @@ fn what_has_no_gradient_is_refused_with_the_reason() {
         start: State::straight(&robot),
         commands: vec![robot.mean_command(); 2],
         loads: Loads::default(),
+        wrenches: Vec::new(),
     };
     let mut stepper = Stepper::new(&robot, TIMESTEP, Integrator::default()).unwrap();
     let states = stepper.rollout(&rollout).unwrap();

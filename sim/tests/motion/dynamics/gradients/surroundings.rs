@@ -9,7 +9,8 @@ use tdcr_sim::dynamics::{
     rollout_tangent,
 };
 use tdcr_sim::robot::{
-    Fluid, Loads, Parameter, Payload, PerDisc, Robot, RobotSpec, RodDamping, RodSpec, ServoSpec,
+    Fluid, Frame, Loads, Parameter, Payload, PerDisc, Robot, RobotSpec, RodDamping, RodSpec,
+    ServoSpec, Wrench,
 };
 use tdcr_sim::scene::{Obstacle, Scene};
 
@@ -69,6 +70,7 @@ fn leaning(robot: &Robot, scene: &Scene, (steps, timestep): (usize, f64)) -> Cas
         start,
         commands: (0..STEPS).map(|_| near()).collect(),
         loads,
+        wrenches: Vec::new(),
     };
     let mut case = Case::of(robot, rollout, &mut rng);
     case.scene = Some(scene.clone());
@@ -242,11 +244,55 @@ fn assert_adjoint(case: &Case, label: &str) {
         vectors(&gradient.forces, &direction.forces),
         vectors(&gradient.moments, &direction.moments),
         dot(&gradient.parameters, &rates),
+        (gradient.wrenches.iter().flatten())
+            .zip(direction.wrenches.iter().flatten())
+            .map(|(by, change)| vectors(by, change))
+            .sum(),
     ];
     let (scale, backward): (f64, f64) = (parts.iter().map(|x| x.abs()).sum(), parts.iter().sum());
     assert!(
         (forward - backward).abs() <= 1e-9 * scale,
         "{label}: {forward} and {backward} of {scale}"
+    );
+}
+
+#[test]
+fn gradients_by_the_wrenches_of_each_step_are_differences_of_motions() {
+    let robot = Robot::load("2m").unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(52);
+    let mut case = Case::random(&robot, STEPS, &mut rng);
+    let mut vector = |size: f64| Vector3::from_fn(|_, _| within(-size, size, &mut rng));
+    let mut of_step = || (0..10).map(|_| [vector(0.1), vector(0.01)]).collect();
+    case.rollout.wrenches = (0..STEPS).map(|_| of_step()).collect();
+    assert_adjoint(&case, "wrenches");
+    let gradient = case.gradient(&[]);
+    for (step, disc, kind, axis) in [(0, 9, 0, 1), (4, 3, 1, 2), (STEPS - 1, 9, 0, 0)] {
+        let expected = case.numeric(1e-3, |by| {
+            let mut moved = case.rollout.clone();
+            moved.wrenches[step][disc][kind][axis] += by;
+            case.with(moved)
+        });
+        let found = gradient.wrenches[step][disc][kind][axis];
+        assert!(found != 0.0);
+        assert_near(found, expected, 1e-3, "wrench");
+    }
+    // Alike in all steps they are loads.
+    case.rollout.wrenches = vec![vec![[Vector3::new(0.1, 0.0, 0.0), Vector3::zeros()]; 10]; STEPS];
+    let steps = case.states().1;
+    let pushes = (0..10).map(|disc| Wrench {
+        force: [0.1, 0.0, 0.0],
+        ..Wrench::none(disc, Frame::World)
+    });
+    case.rollout.wrenches.clear();
+    let loads = case.rollout.loads.clone();
+    case.rollout.loads = pushes.fold(loads, |loads, push| loads.with_wrench(push).unwrap());
+    assert_eq!(steps, case.states().1);
+    case.rollout.wrenches = vec![Vec::new()];
+    let mut stepper = Stepper::new(&robot, TIMESTEP, Integrator::SemiImplicitEuler).unwrap();
+    let refused = stepper.rollout(&case.rollout).unwrap_err().to_string();
+    assert!(
+        refused.contains("the list of wrenches has 1 entries"),
+        "{refused}"
     );
 }
 
