@@ -3,7 +3,10 @@
 use std::borrow::Cow;
 
 use nalgebra::UnitQuaternion;
-use numpy::{PyArray1, PyArray3, PyArray4, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{
+    PyArray1, PyArray3, PyArray4, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyReadonlyArray4,
+};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use tdcr::sim::chain::Configuration;

@@ -283,26 +283,30 @@ class MotionProblem:
     start: State
     payload: Floats
     wrench: Floats
+    scene: Scene | None
     dt: float
     frame_skip: int
 
     @classmethod
-    def of(cls, text: str, names: Sequence[str], dt: float, frame_skip: int, *arguments: Any) -> MotionProblem:
+    def of(cls, text: str, scene: str, names: Sequence[str], dt: float, frame_skip: int, *arguments: Any) -> MotionProblem:
         """Reads a problem.
 
         Args:
             text: The robot as JSON.
+            scene: What it moves among: the text of :func:`scene_text`.
             names: Names of ``p`` parameters.
             dt: Time step (s).
             frame_skip: Time steps for which each command holds.
             arguments: Commands, shape (..., T, tendons); configuration and velocity of the start, shapes (..., n, 4) and
-                (..., n, 3); payload, wrench and values as of :meth:`Problem.of`.
+                (..., n, 3); payload, wrench and values as of :meth:`Problem.of`, a wrench for each command of shape
+                (..., T, n, 6) as well.
         """
         commands, configuration, velocity, payload, wrench, values = (np.asarray(argument) for argument in arguments)
         robot, leading, discs = robot_of(text), commands.shape[:-2], robot_of(text).discs
         start = State(
             _as_rows(configuration, "configuration", leading, (discs, 4)), _as_rows(velocity, "velocity", leading, (discs, 3))
         )
+        of_wrench = (commands.shape[-2], discs, 6) if wrench.ndim > commands.ndim else (discs, 6)
         return cls(
             _robots(robot, names, values, leading),
             tuple(names),
@@ -310,7 +314,8 @@ class MotionProblem:
             _as_rows(commands, "commands", leading, (commands.shape[-2], robot.tendons)),
             start,
             _as_rows(payload, "payload", leading, ()),
-            _as_rows(wrench, "wrench", leading, (discs, 6)),
+            _as_rows(wrench, "wrench", leading, of_wrench),
+            scene_of(scene),
             dt,
             frame_skip,
         )
@@ -321,7 +326,7 @@ class MotionProblem:
         Raises:
             DynamicsError: For a row that diverges, with ``on_failure="raise"``; with ``"nan"`` it is not a number.
         """
-        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[1]
+        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[-2]
         shapes = [(*self.leading, steps, discs, width) for width in (3, 4, 3)]
         if rows == 0:
             empty = [np.zeros(shape) for shape in shapes]
@@ -334,6 +339,7 @@ class MotionProblem:
             start=self.start,
             dt=self.dt,
             frame_skip=self.frame_skip,
+            scene=self.scene,
         )
         for row, why in motions.failures.items():
             if on_failure == "raise":
@@ -349,12 +355,12 @@ class MotionProblem:
 
         Rows that diverge have derivatives that are not numbers, unless the cost does not depend on them.
         """
-        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[1]
+        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[-2]
         by_states = [
             np.asarray(by, dtype=np.float64).reshape(rows, steps, discs, width)
             for by, width in ((by_positions, 3), (by_quaternions, 4), (by_velocity, 3))
         ]
-        shapes = [self.commands.shape[1:], (discs, 4), (discs, 3), (), (discs, 6), (len(self.names),)]
+        shapes = [self.commands.shape[1:], (discs, 4), (discs, 3), (), self.wrench.shape[1:], (len(self.names),)]
         gradients = [np.zeros((rows, *shape)) for shape in shapes]
         counts = np.any([by.any(axis=(1, 2, 3)) for by in by_states], axis=0)
         if counts.any():
@@ -370,6 +376,7 @@ class MotionProblem:
                 start=State(self.start.configuration[counts], self.start.velocity[counts]),
                 dt=self.dt,
                 frame_skip=self.frame_skip,
+                scene=self.scene,
             )
             parts = found.commands, found.configuration, found.velocity, found.payload, found.wrench, found.parameters
             for gradient, part in zip(gradients, parts, strict=True):
@@ -382,8 +389,8 @@ class MotionProblem:
 
         Rows that diverge have changes that are not numbers, unless nothing of them changes.
         """
-        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[1]
-        shapes = [(steps, self.commands.shape[2]), (discs, 4), (discs, 3), (), (discs, 6), (len(self.names),)]
+        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[-2]
+        shapes = [(steps, self.commands.shape[2]), (discs, 4), (discs, 3), (), self.wrench.shape[1:], (len(self.names),)]
         by = [np.asarray(rate, dtype=np.float64).reshape(rows, *shape) for rate, shape in zip(rates, shapes, strict=True)]
         changes = [np.zeros((rows, steps, discs, width)) for width in (3, 4, 3)]
         counts = np.zeros(rows, dtype=np.bool_)
@@ -400,6 +407,7 @@ class MotionProblem:
                 start=State(self.start.configuration[counts], self.start.velocity[counts]),
                 dt=self.dt,
                 frame_skip=self.frame_skip,
+                scene=self.scene,
             )
             for change, part in zip(changes, (found.positions, found.quaternions, found.velocity), strict=True):
                 change[counts] = part

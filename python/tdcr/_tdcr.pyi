@@ -529,6 +529,7 @@ def clouds(
 ) -> list[_Cloud]: ...
 def save_ply(path: str | os.PathLike[str], points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None: ...
 
+_Around = tuple[Scene | None, _Floats | None]
 _Start = tuple[_Floats | None, _Floats | None, bool]
 _ByStates = tuple[_Floats | None, _Floats | None, _Floats | None]
 
@@ -571,6 +572,8 @@ class RolloutGradientRows:
     def payload(self) -> _Floats: ...
     @property
     def wrench(self) -> _Floats: ...
+    @property
+    def wrenches(self) -> _Floats | None: ...
     @property
     def parameters(self) -> _Floats: ...
     @property
@@ -624,7 +627,7 @@ def rollout_rows(
     wrench: _Floats | None,
     start: _Start,
     steps: Steps,
-    scene: Scene | None = None,
+    around: _Around,
     progress: _Progress = None,
 ) -> MotionRows: ...
 def rollout_vjp_rows(
@@ -635,6 +638,7 @@ def rollout_vjp_rows(
     wrench: _Floats | None,
     start: _Start,
     steps: Steps,
+    around: _Around,
     by_states: _ByStates,
     names: list[str],
     progress: _Progress = None,
@@ -647,7 +651,8 @@ def rollout_jvp_rows(
     wrench: _Floats | None,
     start: _Start,
     steps: Steps,
-    rates: tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats],
+    around: _Around,
+    rates: tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats | None],
     names: list[str],
     progress: _Progress = None,
 ) -> RolloutTangentRows: ...
@@ -658,6 +663,7 @@ def linearise(
     command: _Floats,
     loads: Loads,
     timestep: float,
+    scene: Scene | None = None,
 ) -> tuple[_Floats, _Floats]: ...
 
 _Floats32 = NDArray[np.float32]

@@ -196,7 +196,7 @@ def simulate(
         robot: The robot, of ``n`` discs and ``t`` tendons, or what :class:`tdcr.Robot` makes one of.
         commands: Shape (T, t) (m or N). Servos with a lag or a largest rate start where the first one has them.
         payload: Point mass on the last disc (kg).
-        wrench: Force (N) and moment (N m) on each disc, world frame, shape (n, 6).
+        wrench: Force (N) and moment (N m) on each disc, world frame, shape (n, 6); or one for each command, shape (T, n, 6).
         loads: Other loads.
         start: Where the robot starts; in the straight pose at rest where it is not given.
         dt: Time step (s).
@@ -215,8 +215,10 @@ def simulate(
     """
     robot = as_robot(robot)
     commands = as_float(commands, "commands", ("T", robot.tendons))[np.newaxis]
-    question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip)
-    rows = question.rollout(progress, scene)
+    if wrench is not None and np.ndim(wrench) == 3:
+        wrench = as_float(wrench, "wrench", (commands.shape[1], robot.discs, 6))[np.newaxis]
+    question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip, scene)
+    rows = question.rollout(progress)
     for _, error, why in rows.failures:
         raise getattr(errors, error)(why)
     motion = Motions._of(rows, question.times)[0]
@@ -237,6 +239,7 @@ def rollout(
     dt: float = 0.002,
     integrator: Integrator = "semi-implicit-euler",
     frame_skip: int = 1,
+    scene: Scene | None = None,
     progress: Progress | None = None,
 ) -> Motions:
     """Moves rows of robots, each through its own sequence of commands, on all threads.
@@ -247,10 +250,11 @@ def rollout(
         robot: One robot for all rows, or one for each row, all of as many discs ``n`` and tendons ``t``.
         commands: Shape (rows, T, t) (m or N).
         payload: Point mass on the last disc (kg): one for all rows, or shape (rows,).
-        wrench: Force (N) and moment (N m) on each disc, world frame, the same all along: shape (n, 6) or (rows, n, 6).
+        wrench: Force (N) and moment (N m) on each disc, world frame, the same all along: shape (n, 6) or (rows, n, 6); or one for
+            each command, shape (rows, T, n, 6).
         loads: Other loads: for all rows, or one for each row.
         start: Where each row starts; a single state is for all rows.
-        dt, integrator, frame_skip: As of :func:`simulate`.
+        dt, integrator, frame_skip, scene: As of :func:`simulate`.
         progress: Is called with the number of commands done since its last call, as ``tqdm(total=rows * T).update``.
 
     Returns:
@@ -262,7 +266,7 @@ def rollout(
             some, these have failed.
         InputError: For shapes that do not fit.
     """
-    question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip)
+    question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip, scene)
     return Motions._of(question.rollout(progress), question.times)
 
 
@@ -277,6 +281,9 @@ class Question:
     norms: Floats | None
     steps: _tdcr.Steps
     times: Floats
+    scene: Scene | None
+    wrenches: Floats | None
+    """Of each command, shape (rows, T, n, 6)."""
 
     @classmethod
     def of(
@@ -290,6 +297,7 @@ class Question:
         dt: float,
         integrator: Integrator,
         frame_skip: int,
+        scene: Scene | None,
     ) -> Question:
         """Reads the arguments of :func:`rollout`."""
         robots = as_robots(robot)
@@ -297,6 +305,9 @@ class Question:
         commands = as_float(commands, "commands", ("rows", "T", first.tendons))
         rows, length, _ = commands.shape
         configuration, velocity, norms = _start(start, rows, first.discs)
+        wrenches = None
+        if wrench is not None and np.ndim(wrench) == 4:
+            wrenches, wrench = as_float(wrench, "wrench", (rows, length, first.discs, 6)), None
         times = np.arange(1, length + 1) * (as_number(dt, "dt") * as_count(frame_skip, "frame_skip", 1))
         return cls(
             robots,
@@ -306,6 +317,8 @@ class Question:
             norms,
             native_steps(dt, integrator, frame_skip),
             times,
+            None if scene is None else as_scene(scene),
+            wrenches,
         )
 
     def arguments(
@@ -318,14 +331,16 @@ class Question:
         Floats | None,
         tuple[Floats | None, Floats | None, bool],
         _tdcr.Steps,
+        tuple[_tdcr.Scene | None, Floats | None],
     ]:
         """The first arguments of the native functions."""
         loads = self.loads
         robots = [robot._native for robot in self.robots]
-        return robots, self.commands, loads.base, loads.payload, loads.wrench, self.start, self.steps
+        around = None if self.scene is None else self.scene._native, self.wrenches
+        return robots, self.commands, loads.base, loads.payload, loads.wrench, self.start, self.steps, around
 
-    def rollout(self, progress: Progress | None, scene: Scene | None = None) -> _tdcr.MotionRows:
-        return _tdcr.rollout_rows(*self.arguments(), None if scene is None else as_scene(scene)._native, progress)
+    def rollout(self, progress: Progress | None) -> _tdcr.MotionRows:
+        return _tdcr.rollout_rows(*self.arguments(), progress)
 
 
 def native_steps(dt: float, integrator: str, frame_skip: int) -> _tdcr.Steps:

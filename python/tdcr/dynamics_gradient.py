@@ -16,6 +16,7 @@ from tdcr.dynamics import Question, Start, State, one_state
 from tdcr.errors import InputError
 from tdcr.loads import Loads, one_load
 from tdcr.robot import RobotLike, as_robot
+from tdcr.scene import Scene, as_scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,7 +28,8 @@ class RolloutGradients(Batch):
         configuration: By the start's rotations (w, x, y, z), shape (rows, n, 4), along unit quaternions.
         velocity: By the start's rates of the joints, shape (rows, n, 3).
         payload: By the mass on the last disc, shape (rows,) (1/kg).
-        wrench: By a force and a moment on each disc, world frame, the same all along, shape (rows, n, 6).
+        wrench: By a force and a moment on each disc, world frame, the same all along, shape (rows, n, 6); or, where one was given
+            for each command, by those, shape (rows, T, n, 6).
         parameters: By the parameters asked for, shape (rows, p).
         failures: Why a row has no derivatives, by its number.
     """
@@ -62,7 +64,8 @@ class RolloutRates(NamedTuple):
     payload: Any = None
     """Of the mass on the last disc, shape (rows,) (kg)."""
     wrench: Any = None
-    """Of a force (N) and a moment (N m) on each disc, world frame, the same all along, shape (rows, n, 6)."""
+    """Of a force (N) and a moment (N m) on each disc, world frame, the same all along, shape (rows, n, 6); or one for each
+    command, shape (rows, T, n, 6)."""
     parameters: Any = None
     """Of the parameters that are named, shape (rows, p)."""
 
@@ -129,6 +132,7 @@ def rollout_vjp(
     start: Start = "straight",
     dt: float = 0.002,
     frame_skip: int = 1,
+    scene: Scene | None = None,
     progress: Progress | None = None,
 ) -> RolloutGradients:
     """Derivatives of a cost of each row by all that its motion depends on, from those by the states of :func:`rollout`: the
@@ -136,7 +140,8 @@ def rollout_vjp(
     nothing at the steps. The integrator is ``"semi-implicit-euler"``.
 
     Args:
-        robot, commands, payload, wrench, loads, start, dt, frame_skip: As of :func:`rollout`. The motion is computed again.
+        robot, commands, payload, wrench, loads, start, dt, frame_skip, scene: As of :func:`rollout`. The motion is computed
+            again. Obstacles of the scene have no mass; derivatives are one-sided where a contact begins, ends or begins to slip.
         by_positions: Derivative of the cost by the positions, shape (rows, T, n, 3); zero where it is not given.
         by_quaternions: Derivative by the world orientations (w, x, y, z), shape (rows, T, n, 4); only the part along unit
             quaternions counts.
@@ -148,8 +153,10 @@ def rollout_vjp(
         ParameterError: For a parameter that the robot does not have, and for two that overlap.
         InputError: For shapes that do not fit, and for a start that is to be settled: what changes with an equilibrium is for
             :func:`tdcr.vjp`.
+        DynamicsError: For commanded lengths of inextensible tendons, and objects of the scene that move, which have no
+            derivatives.
     """
-    question = _question(robot, commands, payload, wrench, loads, start, dt, frame_skip)
+    question = _question(robot, commands, payload, wrench, loads, start, dt, frame_skip, scene)
     shape = (*question.commands.shape[:2], question.robots[0].discs)
     given = ((by_positions, "by_positions", 3), (by_quaternions, "by_quaternions", 4), (by_velocity, "by_velocity", 3))
     by_position, by_quaternion, by_rate = (
@@ -167,7 +174,7 @@ def rollout_vjp(
         by_configuration,
         rows.velocity,
         rows.payload,
-        rows.wrench,
+        rows.wrench if rows.wrenches is None else rows.wrenches,
         rows.parameters,
         {row: why for row, _, why in rows.failures},
     )
@@ -185,6 +192,7 @@ def rollout_jvp(
     start: Start = "straight",
     dt: float = 0.002,
     frame_skip: int = 1,
+    scene: Scene | None = None,
     progress: Progress | None = None,
 ) -> RolloutTangents:
     """Changes of the states of each row when what its motion depends on changes: forward mode, of which :func:`rollout_vjp` is
@@ -193,7 +201,7 @@ def rollout_jvp(
 
     Args:
         rates: How fast each changes.
-        robot, commands, payload, parameters, wrench, loads, start, dt, frame_skip, progress: As of :func:`rollout_vjp`.
+        robot, commands, payload, parameters, wrench, loads, start, dt, frame_skip, scene, progress: As of :func:`rollout_vjp`.
 
     Raises:
         ParameterError: For a parameter that the robot does not have, and for two that overlap.
@@ -201,9 +209,13 @@ def rollout_jvp(
     """
     if not isinstance(rates, RolloutRates):
         raise InputError(f"rates is {rates!r}; expected tdcr.RolloutRates")
-    question = _question(robot, commands, payload, wrench, loads, start, dt, frame_skip)
+    question = _question(robot, commands, payload, wrench, loads, start, dt, frame_skip, scene)
     names = as_texts(parameters, "parameters")
     (rows, length, tendons), discs = question.commands.shape, question.robots[0].discs
+    of_wrenches = None
+    if rates.wrench is not None and np.ndim(rates.wrench) == 4:
+        of_wrenches = as_float(rates.wrench, "rates.wrench", (rows, length, discs, 6))
+        rates = rates._replace(wrench=None)
     shapes = ((rows, length, tendons), (rows, discs, 4), (rows, discs, 3), (rows,), (rows, discs, 6), (rows, len(names)))
     given = [
         np.zeros(shape) if rate is None else as_float(rate, f"rates.{name}", shape)
@@ -213,7 +225,7 @@ def rollout_jvp(
         # Of a rotation that was given as a longer quaternion.
         given[1] = given[1] / question.norms
     by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters = given
-    native = (by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters)
+    native = (by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters, of_wrenches)
     found = _tdcr.rollout_jvp_rows(*question.arguments(), native, names, progress)
     failures = {row: why for row, _, why in found.failures}
     return RolloutTangents(found.positions, found.quaternions, found.velocity, failures)
@@ -228,15 +240,23 @@ def _question(
     start: Start,
     dt: float,
     frame_skip: int,
+    scene: Scene | None,
 ) -> Question:
     """Motions that can be differentiated."""
     if isinstance(start, str) and start == "settled":
         raise InputError("start is 'settled', which has no derivative here; expected a state, such as that of tdcr.settle")
-    return Question.of(robot, commands, payload, wrench, loads, start, dt, "semi-implicit-euler", frame_skip)
+    return Question.of(robot, commands, payload, wrench, loads, start, dt, "semi-implicit-euler", frame_skip, scene)
 
 
 def linearise(
-    robot: RobotLike, state: State, command: Any, payload: Any = None, *, loads: Loads | None = None, dt: float = 0.002
+    robot: RobotLike,
+    state: State,
+    command: Any,
+    payload: Any = None,
+    *,
+    loads: Loads | None = None,
+    dt: float = 0.002,
+    scene: Scene | None = None,
 ) -> Linearisation:
     """Derivatives of a step from ``state`` by ``"semi-implicit-euler"``, exact but for rounding.
 
@@ -249,12 +269,16 @@ def linearise(
         payload: Point mass on the last disc (kg).
         loads: Other loads.
         dt: Time step (s).
+        scene: Obstacles around the robot, without a mass.
 
     Raises:
-        DynamicsError: If a derivative is not finite.
+        DynamicsError: If a derivative is not finite; for servos with a lag or a largest rate, whose state a step does not have,
+            and for what :func:`rollout_vjp` refuses.
     """
     robot = as_robot(robot)
     configuration, velocity = one_state(robot, state)
     command = as_float(command, "command", (robot.tendons,))
-    a, b = _tdcr.linearise(robot._native, configuration, velocity, command, one_load(loads, payload)._native, as_number(dt, "dt"))
+    native = None if scene is None else as_scene(scene)._native
+    load = one_load(loads, payload)._native
+    a, b = _tdcr.linearise(robot._native, configuration, velocity, command, load, as_number(dt, "dt"), native)
     return Linearisation(a, b)

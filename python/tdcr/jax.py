@@ -101,6 +101,7 @@ def rollout(
     values: Any = None,
     dt: float = 0.002,
     frame_skip: int = 1,
+    scene: Scene | None = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads and the values of
@@ -117,11 +118,13 @@ def rollout(
         velocity: Rates of the joints at the start, in the discs' own frames, shape (..., n, 3) or (n, 3) (rad/s); at rest
             where it is not given.
         payload: Point mass on the last disc, shape (...) or one number (kg).
-        wrench: Force (N) and moment (N m) on each disc, world frame, the same all along, shape (..., n, 6) or (n, 6).
+        wrench: Force (N) and moment (N m) on each disc, world frame, the same all along, shape (..., n, 6) or (n, 6); or one for
+            each command, shape (..., T, n, 6), with all axes of ``commands`` in front.
         parameters: Names of ``p`` physical parameters: see :mod:`tdcr.sensitivity`.
         values: Their values, shape (p,), or (..., p) for a robot of its own for each row.
         dt: Time step (s).
         frame_skip: Time steps for which each command holds.
+        scene: Obstacles around the robots, without a mass: see :func:`tdcr.rollout_vjp`.
         on_failure: What becomes of rows that diverge: ``"raise"``, or ``"nan"``.
 
     Returns:
@@ -138,16 +141,17 @@ def rollout(
     names = check_parameters(parameters, values)
     robot.check_parameters(names)
     leading, discs = commands.shape[:-2], robot.discs
+    of_wrench = (commands.shape[-2], discs, 6) if wrench is not None and jnp.ndim(wrench) > commands.ndim else (discs, 6)
     arguments = (
         commands.astype(dtype),
         _rows(configuration, "configuration", dtype, leading, (discs, 4)),
         _rows(velocity, "velocity", dtype, leading, (discs, 3)),
         _rows(payload, "payload", dtype, leading, ()),
-        _rows(wrench, "wrench", dtype, leading, (discs, 6)),
+        _rows(wrench, "wrench", dtype, leading, of_wrench),
         _rows(values, "values", dtype, leading, (len(names),)),
     )
     steps = as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1)
-    positions, quaternions, rates = call(_moving(_Moving(robot.to_json(), names, *steps, chosen)), *arguments)
+    positions, quaternions, rates = call(_moving(_Moving(robot.to_json(), names, *steps, chosen, scene_text(scene))), *arguments)
     return positions, quaternions, rates
 
 
@@ -199,9 +203,10 @@ class _Moving(NamedTuple):
     dt: float
     frame_skip: int
     on_failure: OnFailure
+    scene: str
 
     def problem(self, arguments: Any) -> MotionProblem:
-        return MotionProblem.of(self.robot, self.names, self.dt, self.frame_skip, *arguments)
+        return MotionProblem.of(self.robot, self.scene, self.names, self.dt, self.frame_skip, *arguments)
 
     def value(self, arguments: Any) -> Any:
         return self.problem(arguments).roll_out(self.on_failure)

@@ -101,6 +101,7 @@ def rollout(
     values: Tensor | None = None,
     dt: float = 0.002,
     frame_skip: int = 1,
+    scene: Scene | None = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads and the values of
@@ -117,11 +118,13 @@ def rollout(
         velocity: Rates of the joints at the start, in the discs' own frames, shape (..., n, 3) or (n, 3) (rad/s); at rest
             where it is not given.
         payload: Point mass on the last disc, shape (...) or one number (kg).
-        wrench: Force (N) and moment (N m) on each disc, world frame, the same all along, shape (..., n, 6) or (n, 6).
+        wrench: Force (N) and moment (N m) on each disc, world frame, the same all along, shape (..., n, 6) or (n, 6); or one for
+            each command, shape (..., T, n, 6), with all axes of ``commands`` in front.
         parameters: Names of ``p`` physical parameters: see :mod:`tdcr.sensitivity`.
         values: Their values, shape (p,), or (..., p) for a robot of its own for each row.
         dt: Time step (s).
         frame_skip: Time steps for which each command holds.
+        scene: Obstacles around the robots, without a mass: see :func:`tdcr.rollout_vjp`.
         on_failure: What becomes of rows that diverge, as of :func:`settle`.
 
     Returns:
@@ -142,17 +145,17 @@ def rollout(
     if commands.ndim < 2 or commands.shape[-1] != robot.tendons:
         raise InputError(f"commands has shape {tuple(commands.shape)}; expected (..., T, {robot.tendons})")
     leading, discs = commands.shape[:-2], robot.discs
+    of_wrench = (commands.shape[-2], discs, 6) if wrench is not None and wrench.ndim > commands.ndim else (discs, 6)
     arguments = (
         commands,
         _rows(configuration, "configuration", commands, leading, (discs, 4)),
         _rows(velocity, "velocity", commands, leading, (discs, 3)),
         _rows(payload, "payload", commands, leading, ()),
-        _rows(wrench, "wrench", commands, leading, (discs, 6)),
+        _rows(wrench, "wrench", commands, leading, of_wrench),
         _rows(values, "values", commands, leading, (len(names),)),
     )
-    return operators.rollout(
-        arguments, robot.to_json(), names, as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1), chosen
-    )
+    steps = as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1)
+    return operators.rollout(arguments, robot.to_json(), names, steps, chosen, scene_text(scene))
 
 
 def _names(robot: Robot, parameters: Sequence[str], values: Tensor | None) -> tuple[str, ...]:

@@ -30,15 +30,15 @@ def settle(arguments: Tensors, robot: str, names: Sequence[str], on_failure: OnF
 
 
 def rollout(
-    arguments: Tensors, robot: str, names: Sequence[str], dt: float, frame_skip: int, on_failure: OnFailure
+    arguments: Tensors, robot: str, names: Sequence[str], steps: tuple[float, int], on_failure: OnFailure, scene: str
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Positions, quaternions and rates of the joints; arguments are commands, configurations and velocities of the start,
     payloads, wrenches and values, with the same leading axes."""
     text = _SEPARATOR.join(names)
     if _compiling():
-        found: tuple[Tensor, Tensor, Tensor] = _rollout(*arguments, robot, text, dt, frame_skip, on_failure)
+        found: tuple[Tensor, Tensor, Tensor] = _rollout(*arguments, robot, text, *steps, on_failure, scene)
         return found
-    positions, quaternions, rates = _moving(robot, text, dt, frame_skip, on_failure)(*arguments)
+    positions, quaternions, rates = _moving(robot, text, steps, on_failure, scene)(*arguments)
     return positions, quaternions, rates
 
 
@@ -65,13 +65,12 @@ def _settling(robot: str, names: str, on_failure: OnFailure, scene: str) -> Diff
     )
 
 
-def _moving(robot: str, names: str, dt: float, frame_skip: int, on_failure: OnFailure) -> Differentiable:
-    steps = dt, frame_skip
+def _moving(robot: str, names: str, steps: tuple[float, int], on_failure: OnFailure, scene: str) -> Differentiable:
     return Differentiable(
         "tdcr.torch.rollout",
-        lambda arguments: _rollout(*arguments, robot, names, *steps, on_failure),
-        lambda cotangents, arguments, _: _rollout_backward(*cotangents, *arguments, robot, names, *steps),
-        lambda changes, arguments: _rollout_forward(*changes, *arguments, robot, names, *steps),
+        lambda arguments: _rollout(*arguments, robot, names, *steps, on_failure, scene),
+        lambda cotangents, arguments, _: _rollout_backward(*cotangents, *arguments, robot, names, *steps, scene),
+        lambda changes, arguments: _rollout_forward(*changes, *arguments, robot, names, *steps, scene),
     )
 
 
@@ -229,8 +228,8 @@ def _backward(ctx, by_positions, by_quaternions):  # type: ignore[no-untyped-def
 _settle.register_autograd(_backward, setup_context=_setup)
 
 
-def _motion_problem(arguments: Tensors, robot: str, names: str, dt: float, frame_skip: int) -> MotionProblem:
-    return MotionProblem.of(robot, _split(names), dt, frame_skip, *_arrays(arguments))
+def _motion_problem(arguments: Tensors, robot: str, names: str, dt: float, frame_skip: int, scene: str) -> MotionProblem:
+    return MotionProblem.of(robot, scene, _split(names), dt, frame_skip, *_arrays(arguments))
 
 
 @torch.library.custom_op("tdcr::rollout", mutates_args=(), device_types="cpu")
@@ -246,9 +245,10 @@ def _rollout(
     dt: float,
     frame_skip: int,
     on_failure: str,
+    scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
     arguments = (commands, configuration, velocity, payload, wrench, values)
-    problem = _motion_problem(arguments, robot, names, dt, frame_skip)
+    problem = _motion_problem(arguments, robot, names, dt, frame_skip, scene)
     positions, quaternions, rates = _of_type(commands, problem.roll_out("raise" if on_failure == "raise" else "nan"))
     return positions, quaternions, rates
 
@@ -266,6 +266,7 @@ def _(
     dt: float,
     frame_skip: int,
     on_failure: str,
+    scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
     _refuse_forward_mode("rollout")
     poses = (*commands.shape[:-1], wrench.shape[-2])
@@ -287,9 +288,10 @@ def _rollout_backward(
     names: str,
     dt: float,
     frame_skip: int,
+    scene: str,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
     arguments = (commands, configuration, velocity, payload, wrench, values)
-    problem = _motion_problem(arguments, robot, names, dt, frame_skip)
+    problem = _motion_problem(arguments, robot, names, dt, frame_skip, scene)
     found = problem.adjoint(*_arrays((by_positions, by_quaternions, by_rates)))
     by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values = _like(arguments, found)
     return by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values
@@ -310,6 +312,7 @@ def _(
     names: str,
     dt: float,
     frame_skip: int,
+    scene: str,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
     start = _empty_like(configuration), _empty_like(velocity)
     return _empty_like(commands), *start, _empty_like(payload), _empty_like(wrench), _empty_like(values)
@@ -333,10 +336,11 @@ def _rollout_forward(
     names: str,
     dt: float,
     frame_skip: int,
+    scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
     changes = _arrays((of_commands, of_configuration, of_velocity, of_payload, of_wrench, of_values))
     arguments = (commands, configuration, velocity, payload, wrench, values)
-    found = _motion_problem(arguments, robot, names, dt, frame_skip).tangent(changes)
+    found = _motion_problem(arguments, robot, names, dt, frame_skip, scene).tangent(changes)
     positions, quaternions, rates = _of_type(commands, found)
     return positions, quaternions, rates
 
@@ -359,19 +363,20 @@ def _(
     names: str,
     dt: float,
     frame_skip: int,
+    scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
     poses = (*commands.shape[:-1], wrench.shape[-2])
     return commands.new_empty(*poses, 3), commands.new_empty(*poses, 4), commands.new_empty(*poses, 3)
 
 
 def _setup_rollout(ctx, inputs, output):  # type: ignore[no-untyped-def]
-    *arguments, ctx.robot, ctx.names, ctx.dt, ctx.frame_skip, _ = inputs
+    *arguments, ctx.robot, ctx.names, ctx.dt, ctx.frame_skip, _, ctx.scene = inputs
     ctx.save_for_backward(*arguments)
 
 
 def _backward_of_rollout(ctx, *cotangents):  # type: ignore[no-untyped-def]
-    gradients = _rollout_backward(*cotangents, *ctx.saved_tensors, ctx.robot, ctx.names, ctx.dt, ctx.frame_skip)
-    return *gradients, None, None, None, None, None
+    gradients = _rollout_backward(*cotangents, *ctx.saved_tensors, ctx.robot, ctx.names, ctx.dt, ctx.frame_skip, ctx.scene)
+    return *gradients, None, None, None, None, None, None
 
 
 _rollout.register_autograd(_backward_of_rollout, setup_context=_setup_rollout)

@@ -175,18 +175,9 @@ impl EquationsOfMotion {
         to_coordinates(&self.posture.chain, &self.accelerations, out);
     }
 
-    /// Writes `M^-1 torques` to `out`, in the posture and with the payload of the last state: `torques` (N m) and `out`
-    /// in world axes, `armatures` part of the mass matrix `M`. O(n) time.
-    pub fn solve(
-        &mut self,
-        armatures: &[Vector3<f64>],
-        torques: &[Vector3<f64>],
-        out: &mut [Vector3<f64>],
-    ) {
-        self.solve_among(armatures, torques, &[], out);
-    }
-
-    /// The same with the `forms` of what the surroundings do to each disc in the mass matrix; an empty list is nothing.
+    /// Writes `(M + forms)^-1 torques` to `out`, in the posture and with the payload of the last state: `torques` (N m) and `out`
+    /// in world axes, `armatures` part of the mass matrix `M`, and `forms` what the surroundings do to each disc; an empty list is
+    /// nothing. O(n) time.
     pub fn solve_among(
         &mut self,
         armatures: &[Vector3<f64>],

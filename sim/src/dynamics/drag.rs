@@ -80,7 +80,10 @@ impl Drag {
             let sideways = own.xy().norm();
             let inertance = h * (along * own.z.abs() + across * sideways);
             // By the velocity in the disc's frame, which turns with the disc.
-            let mut slope = Vector3::z() * (along * own.z.signum());
+            let mut slope = Vector3::zeros();
+            if own.z != 0.0 {
+                slope.z = along * own.z.signum();
+            }
             if sideways > 0.0 {
                 slope += Vector3::new(own.x, own.y, 0.0) * (across / sideways);
             }

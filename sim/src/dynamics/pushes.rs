@@ -57,6 +57,20 @@ impl Push {
     }
 }
 
+/// The inertances of pushes as forms of their discs; none where one is not symmetric, or acts on two discs.
+pub(super) fn symmetric_forms(pushes: &[Push], centres: &[Vector3<f64>]) -> Option<Vec<Reaction>> {
+    let mut forms = vec![Reaction::default(); centres.len()];
+    for push in pushes {
+        let inertance = &push.inertance;
+        if push.opposite.is_some() || *inertance != inertance.transpose() {
+            return None;
+        }
+        let arm = push.point() - centres[push.disc];
+        forms[push.disc].push(&arm, &Vector3::zeros(), inertance);
+    }
+    Some(forms)
+}
+
 /// What a robot moves among, as derivatives of its steps take it.
 pub(crate) trait Surroundings: Debug + Send + Sync {
     /// Takes the step from `before`; returns the accelerations of the joints' coordinates (rad/s²), and sets the pushes in it.

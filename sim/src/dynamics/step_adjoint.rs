@@ -12,7 +12,8 @@ use super::composite::{Moved, cross_with_force};
 use super::expansion::StepExpansion;
 use super::inertia_cotangent::pull_back_inertia;
 use super::jacobians::step_jacobians;
-use super::pushes::{Push, PushedMatrix, Surroundings, pull_back_pushes};
+use super::pushes::{Push, PushedMatrix, Surroundings, pull_back_pushes, symmetric_forms};
+use super::reaction::Reaction;
 use super::{DynamicsError, Integrator, State, Stepper};
 use crate::energy::following::add_transposed_product;
 use crate::model_tangent::{Expanded, ModelTangent};
@@ -26,6 +27,8 @@ pub(crate) struct StepAdjoint {
     /// What these do in the step that is expanded, and the step's matrix with it.
     pushes: Vec<Push>,
     pushed: PushedMatrix,
+    /// What is in the step's matrix besides the robot, where it is symmetric.
+    forms: Option<Vec<Reaction>>,
     /// Cotangents of the accelerations, then products; world axes.
     scratch: Vec<Vector3<f64>>,
     /// The `w`, world axes.
@@ -60,6 +63,7 @@ impl StepAdjoint {
             surroundings,
             pushes: Vec::new(),
             pushed: PushedMatrix::new(&step),
+            forms: Some(Vec::new()),
             step,
             scratch: zeros.clone(),
             multipliers: zeros.clone(),
@@ -83,7 +87,9 @@ impl StepAdjoint {
         };
         let accelerations = surroundings.step(before, command, loads, &mut self.pushes)?;
         (self.step).expand_at((before, command), loads, accelerations)?;
-        match self.pushes.is_empty() || self.pushed.factorise(&self.step, &self.pushes) {
+        let centres = &self.step.equations.posture.chain.centres;
+        self.forms = symmetric_forms(&self.pushes, centres);
+        match self.forms.is_some() || self.pushed.factorise(&self.step, &self.pushes) {
             true => Ok(()),
             false => Err(DynamicsError::NotDifferentiable),
         }
@@ -126,9 +132,11 @@ impl StepAdjoint {
             multipliers,
             ..
         } = self;
-        match self.pushes.is_empty() {
-            true => step.equations.solve(&step.armatures, scratch, multipliers),
-            false => self.pushed.solve_transposed(scratch, multipliers),
+        match &self.forms {
+            Some(forms) => {
+                (step.equations).solve_among(&step.armatures, scratch, forms, multipliers);
+            }
+            None => self.pushed.solve_transposed(scratch, multipliers),
         }
         self.add_loads(loads, turns);
         self.add_inertia(turns, rates);

@@ -108,19 +108,26 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
             {**batch, "payload": None, "wrench": None, "loads": None, "start": "straight", "dt": 0.002, "frame_skip": 1}
             | {"integrator": "semi-implicit-euler", "scene": None, "progress": None},
         ),
-        (tdcr.rollout, {"robot": ROBOT, "commands": ROWS[:, np.newaxis], "start": "straight", "dt": 0.002, "loads": None}),
+        (tdcr.rollout, {"robot": ROBOT, "commands": ROWS[:, np.newaxis], "start": "straight", "dt": 0.002, "scene": SCENE}),
         (
             tdcr.rollout_vjp,
-            {"robot": ROBOT, "commands": ROWS[:, np.newaxis], "by_positions": None, "parameters": [], "dt": 0.002},
+            {
+                "robot": ROBOT,
+                "commands": ROWS[:, np.newaxis],
+                "by_positions": None,
+                "parameters": [],
+                "dt": 0.002,
+                "scene": SCENE,
+            },
         ),
         (
             tdcr.rollout_jvp,
             {"robot": ROBOT, "commands": ROWS[:, np.newaxis], "rates": tdcr.RolloutRates(payload=np.ones(1)), "parameters": []}
-            | {"payload": None, "wrench": None, "loads": None, "dt": 0.002, "frame_skip": 1, "progress": None},
+            | {"payload": None, "wrench": None, "loads": None, "dt": 0.002, "frame_skip": 1, "scene": None, "progress": None},
         ),
         (tdcr.parameters, {"robot": ROBOT}),
         (ROBOT.check_parameters, {"parameters": ["gain[0]"]}),
-        (tdcr.linearise, {"robot": ROBOT, "state": tdcr.State.straight(ROBOT), "command": COMMAND, "payload": 0.0, "dt": 0.002}),
+        (tdcr.linearise, {"robot": ROBOT, "state": tdcr.State.straight(ROBOT), "command": COMMAND, "dt": 0.002, "scene": None}),
         (tdcr.MovingRobot, {"robot": ROBOT, "dt": 0.002, "integrator": "implicit-euler", "frame_skip": 1, "scene": None}),
         (moving.reset, {"command": COMMAND, "loads": None, "payload": None}),
         (moving.start_at, {"state": tdcr.State.straight(ROBOT), "command": None}),

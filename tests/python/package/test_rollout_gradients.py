@@ -59,7 +59,7 @@ def test_the_operator_keeps_the_contracts_of_custom_operators_and_compiles() -> 
     inputs = tensors()
     values = (inputs[-1] * torch.from_numpy(SCALES)).detach().expand(2, 3).clone().requires_grad_()
     arguments = (*(t.detach().requires_grad_() for t in inputs[:-1]), values)
-    arguments = (*arguments, ROBOT.to_json(), ",".join(NAMES), 0.002, 1, "raise")
+    arguments = (*arguments, ROBOT.to_json(), ",".join(NAMES), 0.002, 1, "raise", "")
     assert set(torch.library.opcheck(operators._rollout, arguments).values()) == {"SUCCESS"}
     compiled = torch.compile(cost, backend="aot_eager", fullgraph=True)
     expected = torch.autograd.grad(cost(*inputs).sum(), inputs)
