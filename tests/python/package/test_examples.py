@@ -75,6 +75,18 @@ def test_a_shape_found_by_gradients_is_that_of_the_solver(tmp_path: Path) -> Non
     assert np.linalg.norm(tip - end) < 0.01
 
 
+def test_a_tip_is_pushed_along_a_wall_by_gradients_through_contact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("torch")
+    # In this process, which has PyTorch already.
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    monkeypatch.setattr(sys, "argv", ["push_wall.py", "--short", "--out", str(tmp_path)])
+    importlib.import_module("push_wall").main()
+    found = read_json(tmp_path / "push_wall.json")
+    assert found["costs"][-1] < 0.9 * found["costs"][0]
+    assert found["found"]["distance_mm"] < found["command of the spot"]["distance_mm"]
+
+
 def test_robots_scatter_as_their_jacobian_says(tmp_path: Path) -> None:
     printed = run("domain_randomisation", tmp_path)
     results = read_json(tmp_path / "domain_randomisation.json")
