@@ -52,15 +52,13 @@ pub enum DynamicsError {
         /// The tendon, from 0.
         tendon: usize,
     },
-    /// What moves so that its steps have no derivatives here.
-    #[error(
-        "{what} have no derivatives; expected {:?} steps, {} law of contacts, and obstacles without a mass",
-        Integrator::SemiImplicitEuler,
-        "the compliant"
-    )]
+    /// Motions that have no derivatives here.
+    #[error("{what} have no derivatives; expected {expected}")]
     Underivable {
-        /// What it is, in the plural.
+        /// What they are.
         what: &'static str,
+        /// What has derivatives.
+        expected: &'static str,
     },
     /// A state, command or gradient made for another robot.
     #[error("the {what} has {found} entries; robot `{robot}` needs {expected}")]

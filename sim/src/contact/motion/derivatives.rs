@@ -64,16 +64,21 @@ impl ContactStepper {
     }
 
     fn check_differentiable(&self) -> Result<(), DynamicsError> {
-        let refused = |what| Err(DynamicsError::Underivable { what });
+        let refused = |what, expected| Err(DynamicsError::Underivable { what, expected });
         if self.stepper.integrator() != Integrator::SemiImplicitEuler {
-            return refused("steps of other integrators");
+            return refused(
+                "steps of other integrators",
+                "`Integrator::SemiImplicitEuler`",
+            );
         }
         if !self.objects.are_none() {
-            return refused("motions of objects");
+            return refused("motions of objects", "obstacles without a mass");
         }
         match self.law {
             ContactLaw::Compliant { .. } => Ok(()),
-            ContactLaw::Impedance(_) => refused("contacts under MuJoCo's law"),
+            ContactLaw::Impedance(_) => {
+                refused("contacts under MuJoCo's law", "`ContactLaw::Compliant`")
+            }
         }
     }
 
@@ -88,7 +93,8 @@ impl ContactStepper {
         };
         match parameters.any(moves_beads) {
             true => Err(DynamicsError::Underivable {
-                what: "motions among obstacles, by the pitch of a module with a rod,",
+                what: "motions among obstacles, by the pitch of a module with a rod, whose beads it moves,",
+                expected: "other parameters, or a motion without a scene",
             }),
             false => Ok(()),
         }

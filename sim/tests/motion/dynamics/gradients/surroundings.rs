@@ -359,7 +359,7 @@ fn what_has_no_derivatives_among_obstacles_is_refused_by_name() {
         let states = [rollout.start.clone()];
         let gradient = stepper.rollout_gradient(&rollout, &states, parameters, |_, _, _| ());
         match gradient.map(|gradient| gradient.parameters.len()) {
-            Err(DynamicsError::Underivable { what }) => Err(what),
+            Err(DynamicsError::Underivable { what, .. }) => Err(what),
             other => Ok(other.unwrap()),
         }
     };
