@@ -102,15 +102,7 @@ impl EquationsOfMotion {
         found: usize,
         expected: usize,
     ) -> Result<(), DynamicsError> {
-        if found == expected {
-            return Ok(());
-        }
-        Err(DynamicsError::Size {
-            what,
-            robot: self.robot.spec().name.clone(),
-            expected,
-            found,
-        })
+        DynamicsError::check_size(&self.robot, what, [expected, found])
     }
 
     /// Orientations of the discs at the last state.

@@ -88,15 +88,7 @@ pub(crate) fn gradient_by(
 ) -> Result<RolloutGradient, DynamicsError> {
     let robot = &adjoint.robot().clone();
     let steps = rollout.commands.len();
-    let size = |what, expected, found| match expected == found {
-        true => Ok(()),
-        false => Err(DynamicsError::Size {
-            what,
-            robot: robot.spec().name.clone(),
-            expected,
-            found,
-        }),
-    };
+    let size = |what, expected, found| DynamicsError::check_size(robot, what, [expected, found]);
     size("list of states", steps, states.len())?;
     let joints = robot.discs().len();
     for state in states.iter().chain([&rollout.start]) {

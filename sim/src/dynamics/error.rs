@@ -4,7 +4,7 @@ use thiserror::Error;
 
 use super::integrator::{Integrator, LARGEST_TURN};
 use crate::objects::ObjectError;
-use crate::robot::{LoadsError, ParameterError};
+use crate::robot::{LoadsError, ParameterError, Robot};
 
 /// Why a motion cannot be computed.
 #[non_exhaustive]
@@ -157,4 +157,23 @@ pub enum DynamicsError {
          the mass matrix, are not finite numbers; expected a state of a motion that did not diverge"
     )]
     NotDifferentiable,
+}
+
+impl DynamicsError {
+    /// [`DynamicsError::Size`] where there are not as many entries found as expected.
+    pub(crate) fn check_size(
+        robot: &Robot,
+        what: &'static str,
+        [expected, found]: [usize; 2],
+    ) -> Result<(), Self> {
+        match expected == found {
+            true => Ok(()),
+            false => Err(Self::Size {
+                what,
+                robot: robot.spec().name.clone(),
+                expected,
+                found,
+            }),
+        }
+    }
 }

@@ -35,15 +35,8 @@ impl<'a> StepLoads<'a> {
     pub fn new(robot: &Robot, rollout: &'a Rollout) -> Result<Self, DynamicsError> {
         let (steps, discs) = (rollout.commands.len(), robot.discs().len());
         let wrenches = &rollout.wrenches;
-        let size = |what, expected, found| match expected == found {
-            true => Ok(()),
-            false => Err(DynamicsError::Size {
-                what,
-                robot: robot.spec().name.clone(),
-                expected,
-                found,
-            }),
-        };
+        let size =
+            |what, expected, found| DynamicsError::check_size(robot, what, [expected, found]);
         if !wrenches.is_empty() {
             size("list of wrenches", steps, wrenches.len())?;
         }

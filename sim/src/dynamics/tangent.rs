@@ -88,14 +88,7 @@ pub(crate) fn tangent_by(
         ("direction of forces", discs, direction.forces.len()),
         ("direction of moments", discs, direction.moments.len()),
     ] {
-        if expected != found {
-            return Err(DynamicsError::Size {
-                what,
-                robot: robot.spec().name.clone(),
-                expected,
-                found,
-            });
-        }
+        DynamicsError::check_size(robot, what, [expected, found])?;
     }
     let model = Model::new(robot, rollout, direction)?;
     let acting = Acting::new(robot, &rollout.commands, timestep);

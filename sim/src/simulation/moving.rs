@@ -163,15 +163,8 @@ impl MovingRobot {
     fn take(&mut self, state: &State, command: &Command) -> Result<(), SimulationError> {
         let robot = self.stepper.robot();
         robot.check_command(command.as_slice())?;
-        let size = |what, found, expected| match found == expected {
-            true => Ok(()),
-            false => Err(DynamicsError::Size {
-                what,
-                robot: robot.spec().name.clone(),
-                expected,
-                found,
-            }),
-        };
+        let size =
+            |what, found, expected| DynamicsError::check_size(robot, what, [expected, found]);
         let (joints, dof) = (robot.discs().len(), robot.dof());
         size("configuration", state.configuration.0.len(), joints)?;
         size("velocity", state.velocity.len(), dof)?;

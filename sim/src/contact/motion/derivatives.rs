@@ -101,9 +101,12 @@ impl ContactStepper {
     }
 
     /// The contacts that act, as they are at the end of the step.
-    fn add_pushes(&self, pushes: &mut Vec<Push>) {
+    ///
+    /// # Errors
+    /// [`DynamicsError::NotDifferentiable`] for one that nothing is near to.
+    fn add_pushes(&self, pushes: &mut Vec<Push>) -> Result<(), DynamicsError> {
         let ContactLaw::Compliant { relaxation } = self.law else {
-            return;
+            return Ok(());
         };
         let time = self.stepper.timestep() + relaxation;
         let touches = self.problem.touches.iter();
@@ -117,15 +120,14 @@ impl ContactStepper {
                             && near.gap == touch.gap
                             && near.normal == touch.gradient
                     });
-                    let Some(near) = near else { continue };
+                    let near = near.ok_or(DynamicsError::NotDifferentiable)?;
                     let arm = touch.arm - near.arm;
                     pushes.push(touch.push_of(bead.disc, near.centre, arm, &near.curvature, time));
                 }
                 Name::Discs(one, other) => {
                     let mut pairs = self.own.iter().flat_map(|own| &own.pairs.near);
-                    let Some(near) = pairs.find(|near| near.beads == [one, other]) else {
-                        continue;
-                    };
+                    let near = pairs.find(|near| near.beads == [one, other]);
+                    let near = near.ok_or(DynamicsError::NotDifferentiable)?;
                     let [centre, carried] = near.centres;
                     let across = Matrix3::identity() - near.normal * near.normal.transpose();
                     let curvature = across / (centre - carried).norm();
@@ -143,6 +145,7 @@ impl ContactStepper {
                 Name::Objects(..) => {}
             }
         }
+        Ok(())
     }
 }
 
@@ -155,7 +158,7 @@ impl Surroundings for ContactStepper {
         pushes: &mut Vec<Push>,
     ) -> Result<&[f64], DynamicsError> {
         Self::step(self, &mut before.clone(), command, loads)?;
-        self.add_pushes(pushes);
+        self.add_pushes(pushes)?;
         self.stepper.add_pushes(before, pushes);
         Ok(self.stepper.accelerations())
     }
