@@ -46,10 +46,8 @@ def main() -> None:
             run = step(controller, payload)
             time, part = runs[payload, controller] = response(run)
             off = np.linalg.norm(run.tips - TO, axis=1) > 0.05 * np.linalg.norm(TO - FROM)
-            beyond, settled = 100 * max(part.max() - 1, 0.0), time[off][-1] + 0.04
-            print(
-                f"{1e3 * payload:2.0f} g, {controller:10}: {beyond:4.1f} % too far, within 5 % of the way after {settled:.2f} s"
-            )
+            overshoot, settled = 100 * max(part.max() - 1, 0.0), time[off][-1] + 0.04
+            print(f"{1e3 * payload:2.0f} g, {controller:10}: overshoot {overshoot:4.1f} %, settled to 5 % after {settled:.2f} s")
     if len(sys.argv) > 1:
         import matplotlib.pyplot as plt
 

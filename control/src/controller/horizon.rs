@@ -88,7 +88,7 @@ impl Stage<'_> {
 }
 
 /// The program over the horizon:
-/// `min Σ |e_i|² / l² + swing |e_i - e_(i-1)|² / l² + damping |u_i - u_(i-1)|² + posture |u_i - u_p|²` within the bounds of commands, rates and tensions. Its
+/// `min Σ |e_i|² / l² + error_rate |e_i - e_(i-1)|² / l² + damping |u_i - u_(i-1)|² + posture |u_i - u_p|²` within the bounds of commands, rates and tensions. Its
 /// variables are the plan's changes in units of the tendons' ranges, stage by stage.
 pub(super) struct Horizon<'a> {
     /// What the plan leads to.
@@ -97,8 +97,8 @@ pub(super) struct Horizon<'a> {
     pub plan: &'a [Vec<f64>],
     /// How the parts are weighed.
     pub weights: StepWeights,
-    /// Weight of what the error `e = p - r` changes by between stages.
-    pub swing: f64,
+    /// Weight of the change of the error `e = p - r` from stage to stage.
+    pub error_rate: f64,
 }
 
 impl Horizon<'_> {
@@ -144,12 +144,12 @@ impl Horizon<'_> {
         let wanted = &self.prediction.wanted / length;
         let mut hessian = scaled.tr_mul(&scaled);
         let mut gradient = -scaled.tr_mul(&wanted);
-        if self.swing > 0.0 {
+        if self.error_rate > 0.0 {
             let later = scaled.nrows() - 3;
             let changes = scaled.rows(3, later) - scaled.rows(0, later);
-            hessian += changes.tr_mul(&changes) * self.swing;
+            hessian += changes.tr_mul(&changes) * self.error_rate;
             gradient -=
-                changes.tr_mul(&(wanted.rows(3, later) - wanted.rows(0, later))) * self.swing;
+                changes.tr_mul(&(wanted.rows(3, later) - wanted.rows(0, later))) * self.error_rate;
         }
         let StepWeights { damping, posture } = self.weights;
         let preferred = &moment.limits.preferred;

@@ -23,8 +23,8 @@ pub struct MovingPredictiveSettings {
     pub bandwidth: f64,
     /// How the parts of a step are weighed.
     pub weights: StepWeights,
-    /// Weight of what the tip's error changes by between periods, beside that of the error: the larger, the less the tip swings.
-    pub swing: f64,
+    /// Weight of the change of the tip's error from period to period, beside that of the error: the larger, the less overshoot.
+    pub error_rate: f64,
 }
 
 impl Default for MovingPredictiveSettings {
@@ -37,7 +37,7 @@ impl Default for MovingPredictiveSettings {
                 damping: 3e-3,
                 ..StepWeights::default()
             },
-            swing: 1.0,
+            error_rate: 1.0,
         }
     }
 }
@@ -48,7 +48,7 @@ impl Default for MovingPredictiveSettings {
 /// moves like the robot's; where the measured tip is off from its tip, slowly, the targets are
 /// shifted (offset-free control; Pannocchia and Rawlings, AIChE J. 49, 2003). Each period its motion under the last horizon's commands is linearised, step by step
 /// ([`Lineariser`]), and one quadratic program improves the commands within the bounds of commands, rates and tensions (the real-time
-/// iteration; Diehl, Bock and Schloeder, SIAM J. Control Optim. 43, 2005). So it foresees what the robot swings, and damps it.
+/// iteration; Diehl, Bock and Schloeder, SIAM J. Control Optim. 43, 2005). So it foresees how the robot swings, and damps it.
 ///
 /// The model is the robot as it was given: payloads and offsets of servos that were estimated at rest are not in it.
 #[derive(Clone, Debug, Default)]
@@ -70,14 +70,6 @@ impl MovingPredictive {
             ..Self::default()
         }
     }
-
-    /// Takes in where the tip is, the model's being at `model`; both m.
-    fn observe(&mut self, tip: Vector3<f64>, model: Vector3<f64>, period: f64) -> Vector3<f64> {
-        let found = tip - model;
-        let fading = (-period * self.settings.bandwidth).exp();
-        let next = (self.offset).map_or(found, |before| before.lerp(&found, 1.0 - fading));
-        *self.offset.insert(next)
-    }
 }
 
 impl Controller for MovingPredictive {
@@ -97,14 +89,16 @@ impl Controller for MovingPredictive {
             }
             none => none.insert(Model::at_rest(moment, self.settings.timestep)?),
         };
-        let mut model = model.clone();
-        let offset = self.observe(moment.tip, model.tip(), moment.period);
+        let fading = (-moment.period * self.settings.bandwidth).exp();
+        let found = moment.tip - model.tip();
+        let offset = (self.offset).map_or(found, |before| before.lerp(&found, 1.0 - fading));
+        self.offset = Some(offset);
         let plan = moved_on(&self.plan, moment.command, self.settings.horizon);
         let horizon = Horizon {
             prediction: model.predict(&plan, moment, offset)?,
             plan: &plan,
             weights: self.settings.weights,
-            swing: self.settings.swing,
+            error_rate: self.settings.error_rate,
         };
         self.plan = horizon.improve(moment)?;
         Ok(self.plan[0].clone())

@@ -108,7 +108,7 @@ impl Controller for Predictive {
                 prediction,
                 plan: &plan,
                 weights: self.settings.weights,
-                swing: 0.0,
+                error_rate: 0.0,
             };
             plan = horizon.improve(moment)?;
         }

@@ -47,7 +47,7 @@ fn stepped(
     (run.unwrap(), [from, to])
 }
 
-/// By how much the tip goes beyond the target, in parts of the way, and when it is within a twentieth for good (s).
+/// Overshoot in parts of the way, and settling time to a twentieth of it (s).
 fn response((run, [from, to]): &(Tracking, [Vector3<f64>; 2])) -> [f64; 2] {
     assert_eq!(run.stopped, None);
     let way = to - from;
@@ -62,7 +62,13 @@ fn response((run, [from, to]): &(Tracking, [Vector3<f64>; 2])) -> [f64; 2] {
         .filter(|(_, tip)| off(*tip))
         .map(|(time, _)| time)
         .next_back();
-    [beyond, last.unwrap_or(0.0)]
+    let settled = last.unwrap_or(0.0) + PERIOD;
+    eprintln!(
+        "{}: overshoot {:.1} %, settled after {settled:.2} s",
+        run.controller,
+        100.0 * beyond
+    );
+    [beyond, settled]
 }
 
 fn payload(truth: &mut Truth) {

@@ -139,5 +139,5 @@ def test_a_horizon_of_the_motion_does_not_ring() -> None:
     spec = importlib.util.spec_from_file_location("mpc", EXAMPLES / "python/mpc.py")
     mpc = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]
     spec.loader.exec_module(mpc)  # type: ignore[union-attr]
-    beyond = {name: mpc.response(mpc.step(name, 0.0))[1].max() - 1.0 for name in ("inverse", "moving-mpc")}
-    assert beyond["inverse"] > 0.08 and 0.0 < beyond["moving-mpc"] < 0.05
+    overshoot = {name: mpc.response(mpc.step(name, 0.0))[1].max() - 1.0 for name in ("inverse", "moving-mpc")}
+    assert overshoot["inverse"] > 0.08 and 0.0 < overshoot["moving-mpc"] < 0.05
