@@ -114,9 +114,9 @@ fn objects_in_random_scenes_stay_finite() {
     assert!(moved >= 12 && touched > 1_000, "{moved} {touched}");
 }
 
-/// `cargo test --release -p tdcr-sim --test motion -- --ignored ten_thousand_scenes`: 13 minutes of one core.
+/// `cargo test --release -p tdcr-sim --test motion -- --ignored ten_thousand_scenes`: 37 minutes of one core.
 #[test]
-#[ignore = "takes 13 minutes"]
+#[ignore = "takes 37 minutes"]
 fn ten_thousand_scenes_of_objects_stay_finite() {
     let (moved, touched) = random_scenes(0..10_000);
     eprintln!("{moved} scenes, {touched} contacts");
