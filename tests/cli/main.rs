@@ -118,7 +118,7 @@ fn text(path: &Path) -> &str {
 const SMALL_SET: [&str; 5] = ["collect", "--samples", "20", "--points", "400"];
 
 /// Options of a network of a moment's training.
-const TINY_SIZE: [&str; 7] = [
+const TINY_SIZE: [&str; 9] = [
     "train",
     "--width",
     "16",
@@ -126,14 +126,16 @@ const TINY_SIZE: [&str; 7] = [
     "2",
     "--embedding",
     "16",
+    "--clouds",
+    "8",
 ];
 
 /// The same, trained in a moment.
-const TINY_NETWORK: [&str; 11] = {
-    let [train, width, w, depth, d, embedding, e] = TINY_SIZE;
+const TINY_NETWORK: [&str; 13] = {
+    let [train, width, w, depth, d, embedding, e, clouds, c] = TINY_SIZE;
     let (steps, every) = ("--steps", "--validate-every");
     [
-        train, width, w, depth, d, embedding, e, steps, "40", every, "20",
+        train, width, w, depth, d, embedding, e, clouds, c, steps, "40", every, "20",
     ]
 };
 

@@ -11,7 +11,7 @@ from typing import Any
 TDCR = Path(os.environ.get("TDCR", Path(__file__).parents[3] / "target/release/tdcr"))
 """The command line."""
 
-TINY: dict[str, Any] = {"width": 16, "depth": 2, "embedding": 16, "validate_every": 20}
+TINY: dict[str, Any] = {"width": 16, "depth": 2, "embedding": 16, "clouds": 8, "validate_every": 20}
 """A network that is trained in a moment."""
 
 

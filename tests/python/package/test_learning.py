@@ -19,7 +19,7 @@ from by_command_line import TINY, command_line
 import tdcr
 from tdcr.errors import CommandError, DataError, InputError, LoadsError, TdcrError, TrainError
 
-SIZE = ["--width", 16, "--depth", 2, "--embedding", 16, "--validate-every", 20]
+SIZE = ["--width", 16, "--depth", 2, "--embedding", 16, "--clouds", 8, "--validate-every", 20]
 """The options of `TINY`."""
 
 SCORING: dict[str, Any] = {"points": 400, "emd_points": 100}
@@ -60,8 +60,8 @@ def test_other_options_are_those_of_the_command_line(dataset: tdcr.Dataset, run:
     small = {"net": "hybrid", "channels": (8, 8, 8), "resolutions": (4, 4, 4), "blocks": 1, "context": 8}
     flags = ["--net", "hybrid", "--channels", "8,8,8", "--resolutions", "4,4,4", "--blocks", 1, "--context", 8]
     same("hybrid", {"data": dataset, **small}, *data, *flags)
-    rates = {"optimizer": "adamw", "learning_rate": 1e-3, "warmup": 1, "clouds": 4, "points": 50, "seed": 9}
-    flags = ["--optimizer", "adamw", "--learning-rate", 1e-3, "--warmup", 1, "--clouds", 4, "--points", 50, "--seed", 9]
+    rates = {"optimizer": "adamw", "learning_rate": 1e-3, "warmup": 1, "points": 50, "seed": 9}
+    flags = ["--optimizer", "adamw", "--learning-rate", 1e-3, "--warmup", 1, "--points", 50, "--seed", 9]
     path = {"coupling": "optimal-transport:8", "time_exponent": 1.5, "patience": 4, "precision": "float32"}
     flags += ["--coupling", "optimal-transport:8", "--time-exponent", 1.5, "--patience", 4, "--precision", "float32"]
     path |= {"late_times": 0.25, "prior_cut": 0, "octaves": 2, "condition_blocks": 1}
@@ -70,8 +70,8 @@ def test_other_options_are_those_of_the_command_line(dataset: tdcr.Dataset, run:
     start = {"init": run.folder, "normalisation_from": run.model, "colors": True, "color_weight": 0.2}
     flags = ["--init", run.model, "--normalisation-from", run.model, "--colors", "--color-weight", 0.2]
     same("start", {"data": dataset, **start}, *data, *flags)
-    stream = {"stream": "2m", "stream_points": 200, "window": 8, "fresh": 1, "payload": (0.0, 0.03), "clouds": 4}
-    flags = ["--stream", "2m", "--stream-points", 200, "--window", 8, "--fresh", 1, "--payload", "0:0.03", "--clouds", 4]
+    stream = {"stream": "2m", "stream_points": 200, "window": 8, "fresh": 1, "payload": (0.0, 0.03)}
+    flags = ["--stream", "2m", "--stream-points", 200, "--window", 8, "--fresh", 1, "--payload", "0:0.03"]
     same("stream", {**stream, "validation": dataset.path}, *flags, "--validation", dataset.path)
 
 
