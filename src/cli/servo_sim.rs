@@ -16,6 +16,7 @@ use tdcr::hw::simulated::{
 use tdcr::pipeline::Monitor;
 
 use super::console::Console;
+use super::scene::SceneArgs;
 
 /// Serve simulated servos with a robot behind them on a pseudo-terminal, in real time
 ///
@@ -26,6 +27,8 @@ use super::console::Console;
 pub(super) struct ServoSimArgs {
     #[command(flatten)]
     robot: super::RobotArg,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// Baud rate of the servos
     #[arg(long, default_value = "1000000", value_name = "RATE", value_parser = baud_rate)]
     baud: u32,
@@ -116,6 +119,7 @@ pub(super) fn run(args: &ServoSimArgs, console: &Console) -> anyhow::Result<()> 
     }
     let mut setup = SimulatorSetup::of_robot(robot);
     setup.plant.stiffness = args.stiffness;
+    setup.plant.scene = args.scene.load()?;
     setup.plant.physics = match (args.physics, args.friction) {
         (Motion::Friction, friction) => Physics::WithFriction {
             coefficient: friction.unwrap_or(FRICTION),

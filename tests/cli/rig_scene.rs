@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
 
 use serde_json::Value;
+use tdcr::learn::data::{DataSet, Split};
 
 use crate::capture::small_rig;
-use crate::{refuse, stderr, tdcr, text};
+use crate::{refuse, stderr, succeed, tdcr, text};
 
 /// The small rig with a table `[scene]`, beside a wall 6 mm from its home.
 fn rig_by_a_wall(folder: &Path, scene: &str) -> PathBuf {
@@ -16,9 +17,15 @@ fn rig_by_a_wall(folder: &Path, scene: &str) -> PathBuf {
     let whole = fs::read_to_string(&rig).unwrap();
     let scene = format!("[scene]\n{scene}\n\n[motion]");
     fs::write(&rig, whole.replacen("[motion]", &scene, 1)).unwrap();
-    let wall = "[[obstacle]]\nname = \"wall\"\nbox = { size = [0.02, 2.0, 2.0] }\nposition = [0.04, 0.0, 0.0]\n";
-    fs::write(folder.join("wall.toml"), wall).unwrap();
+    fs::write(folder.join("wall.toml"), wall(0.04)).unwrap();
     rig
+}
+
+/// The scene of a wall of 2 cm across the x axis, about such a place on it (m).
+fn wall(x: f64) -> String {
+    format!(
+        "[[obstacle]]\nname = \"wall\"\nbox = {{ size = [0.02, 2.0, 2.0] }}\nposition = [{x}, 0.0, 0.0]\n"
+    )
 }
 
 fn keys(arguments: &[&str], keys: &str) -> Output {
@@ -79,4 +86,39 @@ fn scenes_of_rigs_that_are_wrong_are_named() {
         ];
         refuse(&capture, 1, reason);
     }
+}
+
+/// The plan knows nothing of the wall: the robot presses against it, and the wall is background.
+#[test]
+fn a_capture_through_a_wall_is_of_a_robot_that_the_wall_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (rig, scene) = (small_rig(folder.path()), path("wall.toml"));
+    let masks = "[masks]\nbackground = { log = \"empty.mcap\" }\n";
+    let whole = fs::read_to_string(&rig).unwrap();
+    let whole = whole.replace("[masks]\n", masks);
+    let world = "[simulation]\nscene = \"wall.toml\"\n";
+    fs::write(&rig, whole.replace("[simulation]\n", world)).unwrap();
+    fs::write(&scene, wall(0.05)).unwrap();
+    let (log, out) = (path("empty.mcap"), path("data"));
+    let record = ["background", "--rig", text(&rig), "--pictures", "10"];
+    succeed(&[&record[..], &["--out", text(&log)]].concat());
+    let few = ["--commands", "8", "--points", "300", "--voxel", "0.004"];
+    let capture = ["capture", "--rig", text(&rig), "--out", text(&out)];
+    succeed(&[&capture[..], &few, &["--no-log"]].concat());
+    let set = DataSet::open(&out).unwrap();
+    let samples = Split::ALL.map(|split| set.read_split(split).unwrap());
+    let points = samples.iter().flatten().flat_map(|s| &s.cloud.points);
+    // The wall's face is at 0.04. Of the wall a few pixels are nearer than they ever were.
+    let [at, beyond] = [0.036, 0.041].map(|x| points.clone().filter(|p| p[0] > x).count());
+    assert!(at > 60 && beyond < 15, "{at}, {beyond}");
+    let meta = fs::read_to_string(out.join("meta.json")).unwrap();
+    let meta: Value = serde_json::from_str(&meta).unwrap();
+    let settings = &meta["origin"]["recorded"]["recording"]["settings"];
+    let obstacle = &settings["simulation"]["scene"]["obstacle"][0];
+    assert_eq!(obstacle["name"], "wall", "{settings}");
+    // Servos on a pseudo-terminal have the same world around their robot, in which holes have no friction.
+    let served = ["servo-sim", "--robot", "2m", "--physics", "friction"];
+    let served = [&served[..], &["--scene", text(&scene)]].concat();
+    refuse(&served, 1, "not simulated among obstacles");
 }

@@ -65,9 +65,9 @@ pub enum CaptureError {
         "servo {id} takes {pull:.3} A under command {index}, in which the simulated tension of {tension:.1} N would take {expected:.3} A: \
          has {}? Samples since the last look at home are not to be trusted",
         if pull < expected {
-            "its tendon snapped, jammed, or left its spool"
+            "its tendon snapped, jammed, or left its spool, or does the robot lean on something"
         } else {
-            "its tendon jammed, or one that it pulls against"
+            "its tendon jammed, or one that it pulls against, or does the robot lean on something"
         }
     )]
     Pull {

@@ -19,7 +19,7 @@ use crate::log::{LogError, LogSettings, LogWriter};
 
 impl RigFile {
     /// Records so many `pictures` of the scene by each camera in the log at `path`, which `masks.background` can then name. The robot has to be
-    /// out of sight; cameras in memory do not see it. No servo is asked anything. `go_on` is asked before each picture whether to.
+    /// out of sight; cameras in memory see the obstacles without it. No servo is asked anything. `go_on` is asked before each picture whether to.
     ///
     /// # Errors
     /// [`RigError::Unavailable`] and [`RigError::Camera`] for cameras; [`RigError::Log`], also where `path` exists;
@@ -36,7 +36,9 @@ impl RigFile {
         }
         let partial = Partial::begin(path)?;
         let clock = clock(self, Pace::Computed);
-        let opened = open_cameras(self, || Some(Box::new(Visuals::default())), &clock)?;
+        let mut empty = Visuals::default();
+        empty.add_scene(&self.simulated_scene);
+        let opened = open_cameras(self, || Some(Box::new(empty.clone())), &clock)?;
         let mut cameras: Vec<_> = opened.into_iter().map(|(camera, _)| camera).collect();
         for camera in &mut cameras {
             WarmUp::default().run(camera)?;

@@ -58,8 +58,8 @@ pub struct RigSpec {
     pub simulation: SimulationSettings,
 }
 
-/// Obstacles around a rig, such as the table below it. Ways are planned clear of them; simulated servos and cameras know nothing of
-/// them.
+/// Obstacles around a rig, such as the table below it. Ways are planned clear of them. A simulated robot is among them and its
+/// cameras see them, unless [`SimulationSettings::scene`] says what there is instead.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RigScene {
@@ -195,8 +195,10 @@ pub struct RigFile {
     pub spec: RigSpec,
     /// The robot, watched by the rig's cameras where it has any.
     pub robot: RobotSpec,
-    /// The obstacles around it, where the file names a scene.
+    /// The obstacles that it keeps clear of, where the file names a scene.
     pub scene: Option<Scene>,
+    /// The obstacles that there are where it is simulated; none is the default.
+    pub simulated_scene: Scene,
     /// What of the robot's file, if it is one of another tool, was passed over or is otherwise here.
     pub notes: Vec<Note>,
     /// Its text, for the lines of what is wrong.
@@ -227,12 +229,18 @@ impl RigFile {
             reason: with_place(&error.to_string(), &tables()),
         })?;
         let (robot, notes) = RobotSpec::load_with_notes(&robot_name(&spec.robot, path))?;
-        let scene = spec.scene.as_ref();
-        let scene = scene.map(|around| Scene::load(&beside(path, &around.file)));
+        let scene = spec.scene.as_ref().map(|around| &around.file);
+        let scene = scene.map(|file| Scene::load(&beside(path, file)));
+        let scene = scene.transpose()?;
+        let simulated_scene = match &spec.simulation.scene {
+            Some(file) => Scene::load(&beside(path, file))?,
+            None => scene.clone().unwrap_or_default(),
+        };
         let mut file = Self {
             path: path.to_owned(),
             robot,
-            scene: scene.transpose()?,
+            scene,
+            simulated_scene,
             notes,
             spec,
             text: text.into(),

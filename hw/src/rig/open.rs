@@ -147,6 +147,7 @@ fn simulator(file: &RigFile, clock: Arc<dyn Clock>) -> Result<Simulator, RigErro
         servos: servos.collect(),
         plant: PlantSetup {
             tension_at_home: tension,
+            scene: file.simulated_scene.clone(),
             base: file.spec.base,
             ..setup.plant.clone()
         },

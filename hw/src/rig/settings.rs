@@ -1,5 +1,6 @@
 //! How a rig moves its robot, and what it does not let it do.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -94,8 +95,11 @@ pub enum LostTurns {
 pub struct SimulationSettings {
     /// Seed of noise and faults.
     pub seed: u64,
-    /// What cameras see around the robot.
+    /// What cameras see around the robot, and it does not touch.
     pub surroundings: Surroundings,
+    /// The file of the obstacles that there are, from the rig file's folder; those of `[scene]` where none is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scene: Option<PathBuf>,
 }
 
 /// What simulated cameras see around the robot.

@@ -66,6 +66,7 @@ use std::time::Duration;
 use nalgebra::Isometry3;
 use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{Loads, LoadsError, Robot, RobotSpec};
+use tdcr_sim::scene::Scene;
 pub use tdcr_sim::simulation::Physics;
 use thiserror::Error;
 
@@ -118,8 +119,8 @@ pub struct SimulatorSetup {
 
 impl SimulatorSetup {
     /// One XC330-M288 for each tendon of a robot, with ids from 1: 1, 2, 3 for the tendons of the first module, and so on;
-    /// spools of 5 mm with a third of a degree of play, which stand at tick 2048 with 2 N in every tendon; 1 Mbit/s, and an
-    /// adapter whose latency timer is set to 1 ms.
+    /// spools of 5 mm with a third of a degree of play, which stand at tick 2048 with 2 N in every tendon; empty space around
+    /// it; 1 Mbit/s, and an adapter whose latency timer is set to 1 ms.
     pub fn of_robot(robot: RobotSpec) -> Self {
         let servos = (1..=ServoId::MAX)
             .filter_map(ServoId::new)
@@ -140,6 +141,7 @@ impl SimulatorSetup {
                 physics: Physics::AtRest,
                 stiffness: None,
                 tension_at_home: 2.0,
+                scene: Scene::default(),
                 base: BaseVisibility::Shown,
             },
             servos,

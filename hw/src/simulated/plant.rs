@@ -3,14 +3,15 @@
 //! A tendon of stiffness `k` whose spool has wound up `w` since home has the rest length `c = c_home - w`, and pulls with
 //! `T = max(0, k (L - c))`, `L` its length in the robot: it never pushes. Between two solves of the robot `L` is held and
 //! `T` follows the spool. The robot is solved again where a tension would change by more than [`TENSION_STEP`] for it, and
-//! before anybody looks.
+//! before anybody looks. Among the obstacles of a scene it settles, or moves, in contact with them.
 
-use tdcr_sim::dynamics::{DynamicsError, Integrator};
+use tdcr_sim::contact::{ContactLaw, ContactSettler, ContactStepper};
+use tdcr_sim::dynamics::{DynamicsError, Integrator, Stepper};
 use tdcr_sim::pose::Pose;
 use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{Drive, Loads, LoadsError, Pull, Robot, RobotSpec, SpecError, TendonSpec};
+use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
-use tdcr_sim::statics::Settler;
 use tdcr_sim::tendon_friction::FrictionPath;
 use thiserror::Error;
 
@@ -36,6 +37,8 @@ pub struct PlantSetup {
     pub stiffness: Option<f64>,
     /// Tension of every tendon (N) where its horn is at home and the robot straight.
     pub tension_at_home: f64,
+    /// What is around it, and whether it touches itself: [`Scene::default`] for empty space.
+    pub scene: Scene,
     /// Whether cameras see the base.
     pub base: BaseVisibility,
 }
@@ -68,7 +71,12 @@ pub enum PlantError {
     /// The robot is not valid.
     #[error(transparent)]
     Robot(#[from] SpecError),
-    /// It cannot be moved with this time step.
+    /// Friction in the holes is of robots that touch nothing.
+    #[error(
+        "tendons with friction in their holes are not simulated among obstacles; expected no scene, or another physics"
+    )]
+    FrictionAmongObstacles,
+    /// It cannot be moved with this time step, or among these obstacles.
     #[error(transparent)]
     Dynamics(#[from] DynamicsError),
     /// It cannot stand at home.
@@ -134,11 +142,17 @@ impl Plant {
             });
         }
         within("tension at home (N)", setup.tension_at_home, HOME_TENSIONS)?;
+        let scene = &setup.scene;
         let (mut simulation, motion): (Box<dyn Simulation>, _) = match setup.physics {
-            Physics::AtRest => (Box::new(Settler::new(&robot)), None),
+            Physics::AtRest => (Box::new(ContactSettler::new(&robot, scene)), None),
+            Physics::WithFriction { .. } if !scene.is_empty() => {
+                return Err(PlantError::FrictionAmongObstacles);
+            }
             Physics::WithFriction { .. } => (Box::new(FrictionPath::new(&robot)), None),
             Physics::InMotion { timestep } => {
-                let moving = MovingRobot::new(&robot, timestep, Integrator::ImplicitEuler, 1)?;
+                let stepper = Stepper::new(&robot, timestep, Integrator::ImplicitEuler)?;
+                let stepper = ContactStepper::new(stepper, scene, ContactLaw::default())?;
+                let moving = MovingRobot::among(stepper, 1);
                 (Box::new(moving), Some((timestep, 0.0)))
             }
         };
@@ -248,9 +262,13 @@ impl Plant {
         Ok(())
     }
 
-    /// What cameras see: the robot and its tendons.
+    /// What cameras see: the robot, and what is around it.
     pub fn visuals(&self) -> Visuals {
-        Visuals::of_robot(self.robot(), self.pose(), self.base)
+        let mut visuals = Visuals::of_robot(self.robot(), self.pose(), self.base);
+        if let Some(scene) = self.simulation.scene() {
+            visuals.add_scene(scene);
+        }
+        visuals
     }
 
     /// Solves the robot for the rest lengths of now.
@@ -338,6 +356,7 @@ mod tests {
             physics,
             stiffness: None,
             tension_at_home: 2.0,
+            scene: Scene::default(),
             base: BaseVisibility::Shown,
         };
         let spool = Spool::new(RADIUS, backlash, Winding::Counterclockwise, 0.0);
@@ -417,6 +436,7 @@ mod tests {
             physics: Physics::AtRest,
             stiffness: Some(0.0),
             tension_at_home: 2.0,
+            scene: Scene::default(),
             base: BaseVisibility::Shown,
         };
         let spool = Spool::new(RADIUS, 0.0, Winding::Counterclockwise, 0.0);

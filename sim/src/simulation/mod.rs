@@ -46,6 +46,7 @@ use crate::contact::{ContactError, ContactSettler};
 use crate::dynamics::DynamicsError;
 use crate::pose::Pose;
 use crate::robot::{Command, CommandError, Loads, LoadsError, Robot};
+use crate::scene::Scene;
 use crate::statics::{Equilibrium, NotSettled, Settler};
 use crate::tendon_friction::FrictionPath;
 
@@ -69,6 +70,11 @@ pub trait Simulation: Send {
 
     /// Where the robot is.
     fn pose(&self) -> Pose<'_>;
+
+    /// What is around the robot, objects where they are now; `None` for a robot that touches nothing.
+    fn scene(&self) -> Option<&Scene> {
+        None
+    }
 }
 
 /// Why a simulation cannot go on.
@@ -150,6 +156,10 @@ impl Simulation for ContactSettler {
 
     fn pose(&self) -> Pose<'_> {
         self.found().equilibrium.pose()
+    }
+
+    fn scene(&self) -> Option<&Scene> {
+        Some(self.scene())
     }
 }
 

@@ -285,4 +285,8 @@ impl Simulation for MovingRobot {
             tendon_tensions: &self.tensions,
         }
     }
+
+    fn scene(&self) -> Option<&Scene> {
+        Some(self.stepper.scene())
+    }
 }

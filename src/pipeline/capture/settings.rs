@@ -9,7 +9,7 @@ use tdcr_base::hash::hash_all;
 use tdcr_hw::capture::{CaptureError, Program, SessionSettings};
 use tdcr_hw::mask::MaskFolder;
 use tdcr_hw::plan::{Place, PlanError};
-use tdcr_hw::rig::{Rig, RigFile, RigSpec};
+use tdcr_hw::rig::{Rig, RigFile, RigSpec, ServoLink};
 use tdcr_learn::data::{Meta, Origin, Recording};
 use tdcr_learn::options::cli::{amount, positive};
 use tdcr_sim::robot::{Loads, LoadsError};
@@ -226,6 +226,7 @@ impl CaptureSettings {
             cameras,
             masks,
             commands,
+            simulation,
             ..
         } = rig.spec();
         let sensors: Vec<_> = cameras
@@ -245,6 +246,9 @@ impl CaptureSettings {
         });
         if let (Some(scene), Some(around)) = (&rig.file().scene, &rig.spec().scene) {
             settings["scene"] = json!({ "obstacles": scene, "clearance": around.clearance });
+        }
+        if servos.link == ServoLink::Simulated && simulation.scene.is_some() {
+            settings["simulation"] = json!({ "scene": rig.file().simulated_scene });
         }
         if self.masks.is_some() {
             settings["masks_by"] = json!("another program");

@@ -4,6 +4,7 @@ mod driver;
 mod faults;
 mod motion;
 mod protocol;
+mod scene;
 mod several;
 mod streams;
 
