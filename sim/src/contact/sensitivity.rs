@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use super::equations::Equations;
 use super::friction::Bristle;
 use crate::chain::Chain;
+pub use crate::dynamics::ObstacleGradient;
 use crate::energy::{DeadForces, twist};
 use crate::pose::{PoseTangent, levers};
 use crate::robot::{Command, Loads};
@@ -53,15 +54,6 @@ pub struct SceneGradient {
     pub base: PoseTangent,
     /// Of each obstacle of the scene.
     pub obstacles: Vec<ObstacleGradient>,
-}
-
-/// Derivatives of a cost by one obstacle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ObstacleGradient {
-    /// By a displacement of its origin (m) and a rotation about it (rad), world axes.
-    pub pose: PoseTangent,
-    /// By its compliance (m/N).
-    pub compliance: f64,
 }
 
 impl ContactSensitivity {

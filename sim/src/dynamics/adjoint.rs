@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::pushes::ObstacleGradient;
 use super::rollout::StepLoads;
 use super::servos::Acting;
 use super::step_adjoint::StepAdjoint;
@@ -45,6 +46,8 @@ pub struct RolloutGradient {
     pub wrenches: Vec<Vec<[Vector3<f64>; 2]>>,
     /// By each of the parameters asked for, the same at every step.
     pub parameters: Vec<f64>,
+    /// By each obstacle of the scene, which stands still meanwhile; none of a motion in empty space.
+    pub obstacles: Vec<ObstacleGradient>,
 }
 
 /// The gradient of a cost of the states of a motion, by its commands, its start, its loads and the robot's `parameters`: the
@@ -104,6 +107,7 @@ pub(crate) fn gradient_by(
     let mut commands = vec![Vec::new(); steps];
     let mut wrenches = vec![Vec::new(); steps];
     let mut loads = StepLoads::new(robot, rollout)?;
+    adjoint.begin_obstacles();
     for step in (0..steps).rev() {
         seen.add(step + 1, &states[step], &mut cost, &mut cotangent);
         let before = match step.checked_sub(1) {
@@ -130,6 +134,7 @@ pub(crate) fn gradient_by(
         forces: model.at_origin,
         moments: model.moments,
         wrenches,
+        obstacles: adjoint.take_obstacles(),
     })
 }
 

@@ -99,6 +99,7 @@ impl Drag {
                 by_begin: -end * slope.transpose(),
                 by_turn: -end * slope.cross(&begin).transpose(),
                 opposite: None,
+                obstacle: None,
             });
         }
     }

@@ -16,6 +16,7 @@ use super::reaction::{Reaction, torques_of};
 use super::{DynamicsError, State};
 use crate::factor::{ChainLu, ChainMatrix, Side};
 use crate::model_tangent::ModelTangent;
+use crate::pose::PoseTangent;
 use crate::robot::{Command, HingeAxes, Loads};
 
 /// An impulse on a disc and its derivatives: by the velocity of its point `dp = -inertance du`, and so on.
@@ -38,6 +39,29 @@ pub(crate) struct Push {
     pub by_turn: Matrix3<f64>,
     /// The other disc that the opposite impulse acts on.
     pub opposite: Option<OppositePush>,
+    /// The obstacle that pushes.
+    pub obstacle: Option<PushingObstacle>,
+}
+
+/// An obstacle that pushes, as derivatives by it take it.
+#[derive(Clone, Debug)]
+pub(crate) struct PushingObstacle {
+    /// Its number in the scene, and its origin (m).
+    pub number: usize,
+    pub origin: Vector3<f64>,
+    /// Velocity of the push's point at the end of the step (m/s).
+    pub velocity: Vector3<f64>,
+    /// The impulse's derivative by the obstacle's compliance (N² s/m).
+    pub by_compliance: Vector3<f64>,
+}
+
+/// Derivatives of a cost by one obstacle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ObstacleGradient {
+    /// By a displacement of its origin (m) and a rotation about it (rad), world axes.
+    pub pose: PoseTangent,
+    /// By its compliance (m/N).
+    pub compliance: f64,
 }
 
 /// Where the opposite impulse acts. Displacements and velocities are then those of the first disc's point beside this one.
@@ -83,6 +107,11 @@ pub(crate) trait Surroundings: Debug + Send + Sync {
     ) -> Result<&[f64], DynamicsError>;
 
     fn boxed(&self) -> Box<dyn Surroundings>;
+
+    /// How many obstacles there are.
+    fn obstacles(&self) -> usize {
+        0
+    }
 }
 
 impl Clone for Box<dyn Surroundings> {
@@ -232,14 +261,14 @@ struct Pushed {
     by_velocity: Motions,
 }
 
-/// Adds what pushes change of the derivatives of a cost by the joints' coordinates, by their rates and by the model, given the step's
-/// multipliers (world axes).
+/// Adds what pushes change of the derivatives of a cost by the joints' coordinates, by their rates, by the model and by the
+/// obstacles, given the step's multipliers (world axes).
 pub(super) fn pull_back_pushes(
     (step, pushes): (&StepExpansion, &[Push]),
     velocity: &[f64],
     multipliers: &[Vector3<f64>],
     [turns, rates]: [&mut [f64]; 2],
-    model: &mut ModelTangent,
+    (model, obstacles): (&mut ModelTangent, &mut [ObstacleGradient]),
 ) {
     let chain = &step.equations.posture.chain;
     let composites = &step.composites;
@@ -262,7 +291,13 @@ pub(super) fn pull_back_pushes(
     let mut pushed = vec![Pushed::default(); discs.len()];
     let base = step.equations.robot.base();
     for push in pushes {
-        push.pull_back(&base, step.timestep, &discs, &mut pushed);
+        let by = push.pull_back(&base, step.timestep, &discs, &mut pushed);
+        // Where nobody asks for them there is no room for any.
+        if let Some(obstacle) = &push.obstacle
+            && let Some(out) = obstacles.get_mut(obstacle.number)
+        {
+            push.pull_back_obstacle(obstacle, &by, out);
+        }
     }
     // From the tip to the base: sums over all that a joint moves.
     let mut above = Pushed::default();
@@ -294,7 +329,13 @@ pub(super) fn pull_back_pushes(
 }
 
 impl Push {
-    fn pull_back(&self, base: &Vector3<f64>, h: f64, discs: &[Motions], out: &mut [Pushed]) {
+    fn pull_back(
+        &self,
+        base: &Vector3<f64>,
+        h: f64,
+        discs: &[Motions],
+        out: &mut [Pushed],
+    ) -> ByPush {
         let point = self.point() - base;
         let mut along = at(&discs[self.disc][2], &point);
         if let Some(other) = &self.opposite {
@@ -321,7 +362,35 @@ impl Push {
             let by_point = own.push(&point, &back, &discs[other.disc]);
             own.displace(&point, &(by_point - by_place));
         }
+        ByPush {
+            impulse: along,
+            point: by_point,
+        }
     }
+
+    /// Adds what the push changes by its obstacle. A displacement of that is the opposite one of all else; a rotation turns the
+    /// impulse and its arm as well, and all else the other way.
+    fn pull_back_obstacle(
+        &self,
+        obstacle: &PushingObstacle,
+        by: &ByPush,
+        out: &mut ObstacleGradient,
+    ) {
+        let force = -(self.by_place.tr_mul(&by.impulse) + self.slides.tr_mul(&by.point));
+        let by_velocity = self.inertance.tr_mul(&by.impulse);
+        out.pose.position += force;
+        out.pose.rotation += (self.carried - obstacle.origin).cross(&force)
+            + self.impulse.cross(&by.impulse)
+            + obstacle.velocity.cross(&by_velocity)
+            + self.arm.cross(&by.point);
+        out.compliance += obstacle.by_compliance.dot(&by.impulse);
+    }
+}
+
+/// Derivatives of a cost by the impulse of a push, and by its point alone.
+struct ByPush {
+    impulse: Vector3<f64>,
+    point: Vector3<f64>,
 }
 
 impl Pushed {

@@ -12,7 +12,9 @@ use super::composite::{Moved, cross_with_force};
 use super::expansion::StepExpansion;
 use super::inertia_cotangent::pull_back_inertia;
 use super::jacobians::step_jacobians;
-use super::pushes::{Push, PushedMatrix, Surroundings, pull_back_pushes, symmetric_forms};
+use super::pushes::{
+    ObstacleGradient, Push, PushedMatrix, Surroundings, pull_back_pushes, symmetric_forms,
+};
 use super::reaction::Reaction;
 use super::{DynamicsError, Integrator, State, Stepper};
 use crate::energy::following::add_transposed_product;
@@ -29,6 +31,8 @@ pub(crate) struct StepAdjoint {
     pushed: PushedMatrix,
     /// What is in the step's matrix besides the robot, where it is symmetric.
     forms: Option<Vec<Reaction>>,
+    /// Sums of what steps that were pulled back add, by each obstacle; empty where nobody has asked.
+    obstacles: Vec<ObstacleGradient>,
     /// Cotangents of the accelerations, then products; world axes.
     scratch: Vec<Vector3<f64>>,
     /// The `w`, world axes.
@@ -64,6 +68,7 @@ impl StepAdjoint {
             pushes: Vec::new(),
             pushed: PushedMatrix::new(&step),
             forms: Some(Vec::new()),
+            obstacles: Vec::new(),
             step,
             scratch: zeros.clone(),
             multipliers: zeros.clone(),
@@ -93,6 +98,18 @@ impl StepAdjoint {
             true => Ok(()),
             false => Err(DynamicsError::NotDifferentiable),
         }
+    }
+
+    /// Sums from now on what steps that are pulled back add to the derivatives by obstacles.
+    pub fn begin_obstacles(&mut self) {
+        let count = (self.surroundings.as_ref()).map_or(0, |around| around.obstacles());
+        self.obstacles.clear();
+        self.obstacles.resize(count, ObstacleGradient::default());
+    }
+
+    /// Those sums, of each obstacle.
+    pub fn take_obstacles(&mut self) -> Vec<ObstacleGradient> {
+        std::mem::take(&mut self.obstacles)
     }
 
     /// Whether it is of a robot among surroundings.
@@ -142,7 +159,8 @@ impl StepAdjoint {
         self.add_inertia(turns, rates);
         if !self.pushes.is_empty() {
             let (pushes, out) = ((&self.step, &self.pushes[..]), [&mut *turns, &mut *rates]);
-            pull_back_pushes(pushes, &before.velocity, &self.multipliers, out, model);
+            let by = (&mut *model, &mut self.obstacles[..]);
+            pull_back_pushes(pushes, &before.velocity, &self.multipliers, out, by);
         }
         // By the model: a load's force is minus the potential's gradient.
         let commands = std::mem::replace(&mut model.command, vec![0.0; command.as_slice().len()]);

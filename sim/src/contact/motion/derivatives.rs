@@ -7,19 +7,21 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::super::law::STIFFEST;
 use super::touch::{Name, STICK, Touch};
 use super::{ContactLaw, ContactStepper};
 use crate::dynamics::{
-    DynamicsError, Integrator, Lineariser, OppositePush, Push, Rollout, RolloutDirection,
-    RolloutGradient, State, StateCotangent, StateTangent, StepAdjoint, Surroundings, gradient_by,
-    tangent_by,
+    DynamicsError, Integrator, Lineariser, OppositePush, Push, PushingObstacle, Rollout,
+    RolloutDirection, RolloutGradient, State, StateCotangent, StateTangent, StepAdjoint,
+    Surroundings, gradient_by, tangent_by,
 };
 use crate::robot::{Command, Loads, Parameter};
 
 impl ContactStepper {
     /// The gradient of a cost of a motion among obstacles: as [`rollout_gradient`](crate::dynamics::rollout_gradient) has it, whose arguments
     /// these are, with the contacts in it. `states` are those that steps of this stepper lead to. The normal forces, whether contacts stick
-    /// or slide, and where they are, all change with the motion; where contacts begin or end derivatives are one-sided.
+    /// or slide, and where they are, all change with the motion; where contacts begin or end derivatives are one-sided. Those by obstacles
+    /// are as of [`ContactSensitivity::vjp`](crate::contact::ContactSensitivity::vjp), the start staying as it is.
     ///
     /// # Errors
     /// As [`rollout_gradient`](crate::dynamics::rollout_gradient); [`DynamicsError::Underivable`] for objects that move,
@@ -122,7 +124,16 @@ impl ContactStepper {
                     });
                     let near = near.ok_or(DynamicsError::NotDifferentiable)?;
                     let arm = touch.arm - near.arm;
-                    pushes.push(touch.push_of(bead.disc, near.centre, arm, &near.curvature, time));
+                    let mut push =
+                        touch.push_of(bead.disc, near.centre, arm, &near.curvature, time);
+                    let own = &self.scene.obstacles()[obstacle];
+                    push.obstacle = Some(PushingObstacle {
+                        number: obstacle,
+                        origin: own.pose.translation.vector,
+                        velocity: touch.velocity,
+                        by_compliance: -touch.impulse / own.compliance.max(STIFFEST),
+                    });
+                    pushes.push(push);
                 }
                 Name::Discs(one, other) => {
                     let mut pairs = self.own.iter().flat_map(|own| &own.pairs.near);
@@ -165,6 +176,10 @@ impl Surroundings for ContactStepper {
 
     fn boxed(&self) -> Box<dyn Surroundings> {
         Box::new(self.clone())
+    }
+
+    fn obstacles(&self) -> usize {
+        self.scene.obstacles().len()
     }
 }
 
@@ -209,6 +224,7 @@ impl Touch {
             by_begin: Matrix3::zeros(),
             by_turn: Matrix3::zeros(),
             opposite: None,
+            obstacle: None,
         }
     }
 }

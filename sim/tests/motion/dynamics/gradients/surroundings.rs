@@ -1,6 +1,6 @@
 //! Derivatives of motions among obstacles, in fluids and of late servos, against differences of motions.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::contact::{ContactLaw, ContactStepper, Sliding};
@@ -123,6 +123,65 @@ fn assert_gradient(case: &Case, (stride, share): (usize, f64), label: &str) {
     }
 }
 
+/// The gradient by what obstacles are, beside differences.
+fn assert_gradient_by_obstacles(case: &Case, label: &str) {
+    let scene = case.scene.as_ref().unwrap();
+    let gradient = case.gradient(&[]);
+    assert_eq!(gradient.obstacles.len(), scene.obstacles().len());
+    for (number, found) in gradient.obstacles.iter().enumerate() {
+        let numeric = |size: f64, moved: &dyn Fn(&Obstacle, f64) -> Obstacle| {
+            case.numeric(size, |by| {
+                let mut obstacles = scene.obstacles().to_vec();
+                obstacles[number] = moved(&obstacles[number], by);
+                Case {
+                    scene: Some(scene.with_obstacles(obstacles).unwrap()),
+                    ..case.with(case.rollout.clone())
+                }
+            })
+        };
+        for axis in 0..3 {
+            let along = |by: f64| Vector3::ith(axis, by);
+            let expected = numeric(2e-7, &|obstacle, by| {
+                let mut moved = obstacle.clone();
+                moved.pose.translation.vector += along(by);
+                moved
+            });
+            let by_position = found.pose.position[axis];
+            assert_near(
+                by_position,
+                expected,
+                2e-7,
+                &format!("{label}: position {axis}"),
+            );
+            let expected = numeric(2e-6, &|obstacle, by| {
+                let mut moved = obstacle.clone();
+                moved.pose.rotation =
+                    UnitQuaternion::from_scaled_axis(along(by)) * moved.pose.rotation;
+                moved
+            });
+            let by_rotation = found.pose.rotation[axis];
+            assert_near(
+                by_rotation,
+                expected,
+                2e-6,
+                &format!("{label}: rotation {axis}"),
+            );
+        }
+        let expected = numeric(1e-8, &|obstacle, by| {
+            obstacle
+                .clone()
+                .with_compliance(obstacle.compliance + by)
+                .unwrap()
+        });
+        assert_near(
+            found.compliance,
+            expected,
+            1e-8,
+            &format!("{label}: compliance"),
+        );
+    }
+}
+
 /// How the contacts after a motion slide.
 fn sliding(case: &Case) -> Vec<Sliding> {
     let mut stepper = case.among(case.scene.as_ref().unwrap());
@@ -143,6 +202,7 @@ fn gradients_through_contacts_are_differences_of_motions() {
         let case = leaning(&robot, &post(friction), (steps, TIMESTEP));
         assert_eq!(sliding(&case), [expected]);
         assert_gradient(&case, (2, 2e-3), &format!("{expected:?}"));
+        assert_gradient_by_obstacles(&case, &format!("{expected:?}"));
     }
     let robot = Robot::load("3m").unwrap();
     let wall = Obstacle::cuboid("wall", [0.1, 1.0, 1.0]).unwrap();
@@ -150,6 +210,7 @@ fn gradients_through_contacts_are_differences_of_motions() {
     let case = leaning(&robot, &scene, (500, TIMESTEP));
     assert_eq!(sliding(&case), [Sliding::Slips; 2]);
     assert_gradient(&case, (5, 2e-3), "wall");
+    assert_gradient_by_obstacles(&case, "wall");
 }
 
 #[test]
