@@ -23,6 +23,7 @@ use crate::loads::Loads;
 use crate::robot::{Robot, parameters_of};
 use crate::run::{self, Watch};
 use crate::scene::Scene;
+use crate::scene_gradient::write_obstacles;
 use crate::steps::Steps;
 
 /// Derivatives of a cost by the states after each command of all rows, as they come from Python: positions (rows, commands,
@@ -93,6 +94,8 @@ pub struct RolloutGradientRows {
     /// By the wrenches at each command, where they vary.
     wrenches: Option<Py<PyArray4<f64>>>,
     parameters: Py<PyArray2<f64>>,
+    /// By the motion of each obstacle and its compliance, shape (rows, obstacles, 7).
+    obstacles: Py<PyArray3<f64>>,
     /// Rows that could not go on or have no derivatives: class of the exception, and why.
     failures: Vec<(usize, &'static str, String)>,
 }
@@ -107,6 +110,7 @@ struct Row<'a> {
     /// At each command; empty where it is not asked for.
     wrenches: &'a mut [f64],
     parameters: &'a mut [f64],
+    obstacles: &'a mut [f64],
 }
 
 /// What a row of gradients is computed from.
@@ -269,6 +273,7 @@ impl Question<'_> {
         let asked = out.parameters.len();
         out.parameters
             .copy_from_slice(&gradient.parameters[..asked]);
+        write_obstacles(&gradient.obstacles, out.obstacles);
         Ok(End::Whole)
     }
 }
@@ -333,15 +338,19 @@ pub fn rollout_vjp_rows(
         true => none(length * 6 * n),
         false => Vec::new(),
     };
+    let obstacles = motions.scene.as_ref();
+    let obstacles = obstacles.map_or(0, |scene| scene.obstacles().len());
+    let mut by_obstacles = none(7 * obstacles);
     let ends: Vec<Outcome<End>> = run::long(py, progress.as_ref(), |watch| {
         let starts = parts(&mut by_configuration, rows).zip(parts(&mut by_velocity, rows));
         let loads = by_payload.iter_mut().zip(parts(&mut by_wrench, rows));
         let others = parts(&mut by_commands, rows).zip(parts(&mut by_parameters, rows));
-        let others = others.zip(parts(&mut by_wrenches, rows));
+        let around = parts(&mut by_wrenches, rows).zip(parts(&mut by_obstacles, rows));
+        let others = others.zip(around);
         let out = starts.zip(loads).zip(others).map(
             |(
                 ((configuration, velocity), (payload, wrench)),
-                ((commands, parameters), wrenches),
+                ((commands, parameters), (wrenches, obstacles)),
             )| Row {
                 commands,
                 configuration,
@@ -350,6 +359,7 @@ pub fn rollout_vjp_rows(
                 wrench,
                 wrenches,
                 parameters,
+                obstacles,
             },
         );
         let mut out: Vec<Row<'_>> = out.collect();
@@ -377,6 +387,7 @@ pub fn rollout_vjp_rows(
             false => None,
         },
         parameters: array(py, by_parameters, [rows, width])?.unbind(),
+        obstacles: array(py, by_obstacles, [rows, obstacles, 7])?.unbind(),
         failures,
     })
 }

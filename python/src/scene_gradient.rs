@@ -4,7 +4,7 @@
 
 use numpy::{PyArray2, PyArray3, PyReadonlyArray3};
 use pyo3::prelude::*;
-use tdcr::sim::contact::ContactSensitivity;
+use tdcr::sim::contact::{ContactSensitivity, ObstacleGradient};
 use tdcr::sim::pose::PoseTangent;
 
 use crate::arrays::{array, contiguous};
@@ -17,6 +17,14 @@ use crate::statics::{Batch, RowsArgument};
 fn numbers(motion: &PoseTangent) -> [f64; 6] {
     let (p, r) = (motion.position, motion.rotation);
     [p.x, p.y, p.z, r.x, r.y, r.z]
+}
+
+/// Writes derivatives by obstacles as 7 numbers each: by the motion and by the compliance.
+pub fn write_obstacles(gradients: &[ObstacleGradient], out: &mut [f64]) {
+    for (out, gradient) in out.as_chunks_mut::<7>().0.iter_mut().zip(gradients) {
+        out[..6].copy_from_slice(&numbers(&gradient.pose));
+        out[6] = gradient.compliance;
+    }
 }
 
 /// Derivative of a cost of each row by its surroundings, shape (rows, 6 + 7 obstacles): by the motion of the base, and of each
@@ -39,10 +47,7 @@ pub fn scene_vjp_rows<'py>(
         let gradient = among.vjp(&pose_cotangents(of_row, turned));
         let (base, obstacles) = out.split_at_mut(6);
         base.copy_from_slice(&numbers(&gradient.base));
-        for (out, of_obstacle) in obstacles.chunks_exact_mut(7).zip(&gradient.obstacles) {
-            out[..6].copy_from_slice(&numbers(&of_obstacle.pose));
-            out[6] = of_obstacle.compliance;
-        }
+        write_obstacles(&gradient.obstacles, obstacles);
         Ok(())
     };
     let width = 6 + 7 * scenes.obstacles();

@@ -31,6 +31,9 @@ class RolloutGradients(Batch):
         wrench: By a force and a moment on each disc, world frame, the same all along, shape (rows, n, 6); or, where one was given
             for each command, by those, shape (rows, T, n, 6).
         parameters: By the parameters asked for, shape (rows, p).
+        obstacles: By the motion of each of the scene's ``m`` obstacles, a displacement of its origin (m) and a rotation about it
+            (rad) in the world's axes before the motion begins, shape (rows, m, 6).
+        compliance: By the compliance of each obstacle (m/N), shape (rows, m).
         failures: Why a row has no derivatives, by its number.
     """
 
@@ -40,9 +43,11 @@ class RolloutGradients(Batch):
     payload: Floats
     wrench: Floats
     parameters: Floats
+    obstacles: Floats
+    compliance: Floats
     failures: dict[int, str]
 
-    _by_rows = ("commands", "configuration", "velocity", "payload", "wrench", "parameters")
+    _by_rows = ("commands", "configuration", "velocity", "payload", "wrench", "parameters", "obstacles", "compliance")
 
     def __len__(self) -> int:
         return len(self.payload)
@@ -176,6 +181,8 @@ def rollout_vjp(
         rows.payload,
         rows.wrench if rows.wrenches is None else rows.wrenches,
         rows.parameters,
+        np.ascontiguousarray(rows.obstacles[..., :6]),
+        np.ascontiguousarray(rows.obstacles[..., 6]),
         {row: why for row, _, why in rows.failures},
     )
 

@@ -100,6 +100,27 @@ def test_wrenches_of_each_command_alike_are_one_for_all() -> None:
         tdcr.rollout(ROBOT, commands, wrench=each[:, :3])
 
 
+def test_gradients_by_an_obstacle_are_differences() -> None:
+    commands, *_ = arrays()
+    by = weights(3) * np.ones((2, STEPS, 10, 3))
+    found = tdcr.rollout_vjp(ROBOT, commands, by, start=START, frame_skip=2, scene=POST)
+
+    def cost(x: float = 0.0, tilt: float = 0.0, softer: float = 0.0) -> np.ndarray:
+        place = {"position": (x - 0.06, 0, 0.25), "orientation": (np.cos(tilt / 2.0), 0, np.sin(tilt / 2.0), 0)}
+        post = tdcr.Obstacle.cylinder("post", 0.01, 0.4, friction=0.2, compliance=1e-5 + softer, **place)
+        motions = tdcr.rollout(ROBOT, commands, start=START, frame_skip=2, scene=tdcr.Scene([post]))
+        return (motions.positions * by).sum(axis=(1, 2, 3))
+
+    for name, size, slopes in (
+        ("x", 1e-7, found.obstacles[:, 0, 0]),
+        ("tilt", 1e-6, found.obstacles[:, 0, 4]),
+        ("softer", 1e-8, found.compliance[:, 0]),
+    ):
+        differences = (cost(**{name: size}) - cost(**{name: -size})) / (2.0 * size)
+        assert slopes.all() and slopes == pytest.approx(differences, rel=1e-4), name
+    assert tdcr.rollout_vjp(ROBOT, commands, by).obstacles.shape == (2, 0, 6)
+
+
 def test_what_has_no_derivatives_among_obstacles_is_refused_by_name() -> None:
     commands, *_ = arrays()
     ball = tdcr.Scene([tdcr.Obstacle.sphere("ball", 0.01, position=(0.3, 0, 0.1), mass=0.1)])
