@@ -1,13 +1,16 @@
 //! What a controller believes of a robot: its model, and what of it is not known.
 
 use std::fmt;
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, Matrix3xX, Vector3};
 use tdcr_sim::chain::Configuration;
+use tdcr_sim::contact::{ContactError, ContactSettler};
 use tdcr_sim::inverse::recording::{Marker, Servo, Touch};
 use tdcr_sim::robot::{
     Axis, CommandError, Drive, Frame, Loads, LoadsError, Parameter, Robot, SpecError, Wrench,
 };
+use tdcr_sim::scene::{Scene, SceneError};
 use tdcr_sim::sensitivity::{Sensitivity, SensitivityError};
 use tdcr_sim::statics::{Equilibrium, NotSettled, Settler};
 use thiserror::Error;
@@ -61,6 +64,12 @@ pub enum BeliefError {
     /// The model does not settle.
     #[error("the model does not settle: {0}")]
     NotSettled(#[from] NotSettled),
+    /// It cannot be settled among its obstacles.
+    #[error(transparent)]
+    Contact(#[from] ContactError),
+    /// Its obstacles are none.
+    #[error(transparent)]
+    Scene(Arc<SceneError>),
     /// The model has no derivatives there.
     #[error(transparent)]
     Sensitivity(#[from] SensitivityError),
@@ -70,12 +79,19 @@ pub enum BeliefError {
 #[derive(Clone, Debug)]
 pub struct Belief {
     robot: Robot,
-    settler: Settler,
+    settling: Settling,
     loads: Loads,
     /// Length of each tendon in the straight pose (m).
     straight: Vec<f64>,
     unknowns: Vec<Unknown>,
     values: DVector<f64>,
+}
+
+/// What finds the model's equilibria.
+#[derive(Clone, Debug)]
+enum Settling {
+    Alone(Box<Settler>),
+    Among(Box<ContactSettler>),
 }
 
 /// The model about one command: where it rests, and how that changes with the command and the unknowns.
@@ -121,12 +137,33 @@ impl Belief {
         let robot = Robot::new(spec)?;
         Ok(Self {
             straight: robot.tendon_kinematics(&Configuration::straight(&robot)).0,
-            settler: Settler::new(&robot),
+            settling: Settling::Alone(Box::new(Settler::new(&robot))),
             values: DVector::zeros(unknowns.len()),
             unknowns: unknowns.to_vec(),
             loads: loads.clone(),
             robot,
         })
+    }
+
+    /// The same among the obstacles of `scene`, on which the model slides without friction: a controller asks for equilibria beside the path
+    /// that the robot takes, and friction would depend on which were asked for.
+    ///
+    /// # Errors
+    /// [`BeliefError::Scene`] for obstacles that are none without friction.
+    pub fn among(mut self, scene: &Scene) -> Result<Self, BeliefError> {
+        self.settling = match scene.is_empty() {
+            true => Settling::Alone(Box::new(Settler::new(&self.robot))),
+            false => {
+                let mut obstacles = scene.obstacles().to_vec();
+                for obstacle in &mut obstacles {
+                    obstacle.friction = 0.0;
+                }
+                let smooth = (scene.with_obstacles(obstacles))
+                    .map_err(|error| BeliefError::Scene(Arc::new(error)))?;
+                Settling::Among(Box::new(ContactSettler::new(&self.robot, &smooth)))
+            }
+        };
+        Ok(self)
     }
 
     /// The robot; its tendons' ranges are wider than those of commands.
@@ -169,9 +206,12 @@ impl Belief {
     /// [`BeliefError`] where it does not settle.
     pub fn settle(&mut self, command: &[f64]) -> Result<&Equilibrium, BeliefError> {
         let (got, loads) = (self.pulled(command)?, self.all_loads()?);
-        let failure = self.settler.follow(&got, &loads).failure(&self.robot, &got);
-        match failure {
-            None => Ok(self.settler.equilibrium()),
+        let found = match &mut self.settling {
+            Settling::Alone(settler) => settler.follow(&got, &loads),
+            Settling::Among(settler) => &settler.follow(&got, &loads)?.equilibrium,
+        };
+        match found.failure(&self.robot, &got) {
+            None => Ok(found),
             Some(failure) => Err(failure.into()),
         }
     }
@@ -184,14 +224,17 @@ impl Belief {
         Ok(self.settle(command)?.pose().tip().translation.vector)
     }
 
-    /// The same with derivatives, by the implicit function theorem ([`Robot::sensitivity`]).
+    /// The same with derivatives, by the implicit function theorem ([`Robot::sensitivity`]), contacts with obstacles in them.
     ///
     /// # Errors
     /// [`BeliefError`] where it does not settle, or has no derivatives.
     pub fn linearise(&mut self, command: &[f64]) -> Result<Linear, BeliefError> {
         let equilibrium = self.settle(command)?.clone();
         let (got, loads) = (self.pulled(command)?, self.all_loads()?);
-        let sensitivity = self.robot.sensitivity(&got, &loads, &equilibrium)?;
+        let sensitivity = match &self.settling {
+            Settling::Alone(_) => self.robot.sensitivity(&got, &loads, &equilibrium)?,
+            Settling::Among(settler) => settler.sensitivity(&got, &loads)?.parameters().clone(),
+        };
         let tendons = self.robot.tendons().len();
         let mut parameters: Vec<Parameter> = (0..tendons).map(Parameter::Command).collect();
         let tip = self.tip_disc();

@@ -37,6 +37,7 @@
 //! use tdcr_control::watch::WatchSettings;
 //! use nalgebra::Isometry3;
 //! use tdcr_sim::robot::{Loads, Robot, RobotSpec};
+//! use tdcr_sim::scene::Scene;
 //!
 //! // The robot hangs, as its world is turned over, and bears 2 g that nobody knows of.
 //! let mut spec = RobotSpec::load("2m")?;
@@ -50,6 +51,8 @@
 //! let settings = TrackingSettings {
 //!     approach: 3.0,
 //!     loads: Loads::default(),
+//!     scene: Scene::default(),
+//!     correction: Vec::new(),
 //!     estimator: EstimatorSettings::for_robot(&robot),
 //!     delay: Delay::Known(0),
 //!     limits: Limits::new(&robot, period, None, [0.0, f64::INFINITY])?,
@@ -65,6 +68,7 @@ pub mod belief;
 pub mod controller;
 pub mod estimator;
 pub mod lag;
+pub mod learning;
 pub mod plan;
 pub mod plant;
 pub mod quadratic;

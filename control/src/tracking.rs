@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 use tdcr_sim::robot::{Command, CommandError, Loads, Robot};
+use tdcr_sim::scene::Scene;
 use thiserror::Error;
 
 use crate::belief::{Belief, BeliefError};
@@ -21,6 +22,11 @@ pub struct TrackingSettings {
     pub approach: f64,
     /// Loads that are known of.
     pub loads: Loads,
+    /// Obstacles that the model settles among, without friction; a controller whose model moves does not know of them.
+    pub scene: Scene,
+    /// What is added to the path for the controller, at each period from its start (m, world frame): learnt in earlier trials
+    /// ([`Learning`](crate::learning::Learning)). Errors count from the path itself.
+    pub correction: Vec<Vector3<f64>>,
     /// What is estimated, and how measurements are weighed.
     pub estimator: EstimatorSettings,
     /// From a command to when the tendons get it.
@@ -40,6 +46,8 @@ pub struct TrackingRow {
     pub target: Vector3<f64>,
     /// Where it was measured (m).
     pub measured: Option<Vector3<f64>>,
+    /// Where the controller took it to be: as measured, else where the model has it by what was measured (m).
+    pub seen: Option<Vector3<f64>>,
     /// Where it is: in truth where the plant knows it, else as measured (m).
     pub tip: Option<Vector3<f64>>,
     /// The command given (m or N).
@@ -116,6 +124,12 @@ impl Tracking {
         (!errors.is_empty()).then(|| (squares / errors.len() as f64).sqrt())
     }
 
+    /// The last command that the plant was given (m or N): that of the last row was only chosen. `None` where none was.
+    pub fn last_given(&self) -> Option<&[f64]> {
+        let given = self.rows.iter().rev().nth(1);
+        given.map(|row| row.command.as_slice())
+    }
+
     /// The largest of them (m).
     pub fn largest_error(&self) -> Option<f64> {
         self.errors()
@@ -166,18 +180,14 @@ pub fn track(
             },
         };
         lead_from = Some(from);
-        let target = |ahead: usize| {
-            let time = (k + ahead as i64) as f64 * period;
-            target_at(path, settings.approach, from, time)
+        let ahead = Ahead {
+            path,
+            settings,
+            from,
+            period,
+            now: k,
         };
-        let row = run.step(
-            plant,
-            controller,
-            k as f64 * period,
-            &measurement,
-            tip,
-            &target,
-        )?;
+        let row = run.step(plant, controller, &measurement, tip, &ahead)?;
         let goes_on = each(&row);
         run.tracking.rows.push(row);
         if run.tracking.stopped.is_none() && !goes_on {
@@ -193,14 +203,49 @@ pub fn track(
     Ok(run.finish())
 }
 
-/// Where the tip is to be at `time` (s, from the path's start): before it, on the way from where the tip was found, at rest at both ends.
-fn target_at(path: &TipPath, approach: f64, from: Vector3<f64>, time: f64) -> Vector3<f64> {
-    if time >= 0.0 || approach <= 0.0 {
-        return path.at(time);
+/// Where the tip is to be, from one of the periods on.
+struct Ahead<'a> {
+    path: &'a TipPath,
+    settings: &'a TrackingSettings,
+    /// Where the tip was found (m).
+    from: Vector3<f64>,
+    period: f64,
+    /// The period, counted from the path's start.
+    now: i64,
+}
+
+impl Ahead<'_> {
+    /// What time it is (s, from the path's start).
+    fn time(&self) -> f64 {
+        self.now as f64 * self.period
     }
-    let part = ((time + approach) / (LEADING * approach)).clamp(0.0, 1.0);
-    // Cubic, without a jump of the speed.
-    from.lerp(&path.at(0.0), part * part * (3.0 - 2.0 * part))
+
+    /// Where the tip is to be now (m).
+    fn wanted(&self) -> Vector3<f64> {
+        self.at(self.time(), Vector3::zeros())
+    }
+
+    /// Where the controller is to lead it, `periods` from now (m).
+    fn target(&self, periods: usize) -> Vector3<f64> {
+        let then = self.now + periods as i64;
+        let correction = &self.settings.correction;
+        let last = correction.len().saturating_sub(1);
+        let correction = correction.get((then.max(0) as usize).min(last));
+        let correction = correction.copied().unwrap_or_default();
+        self.at(then as f64 * self.period, correction)
+    }
+
+    /// The path's point at `time` (s) and a correction; before its start, on the way there from where the tip was found, at rest at both ends.
+    fn at(&self, time: f64, correction: Vector3<f64>) -> Vector3<f64> {
+        let approach = self.settings.approach;
+        let goal = self.path.at(time) + correction;
+        if time >= 0.0 || approach <= 0.0 {
+            return goal;
+        }
+        let part = ((time + approach) / (LEADING * approach)).clamp(0.0, 1.0);
+        // Cubic, without a jump of the speed.
+        self.from.lerp(&goal, part * part * (3.0 - 2.0 * part))
+    }
 }
 
 /// State of a run.
@@ -243,8 +288,9 @@ impl<'s> Run<'s> {
         let length = robot.arc_lengths().last().copied().unwrap_or(0.0);
         Ok(Self {
             settings,
-            estimator: Estimator::new(robot, &settings.loads, settings.estimator.clone())?,
-            given: Belief::new(robot, &settings.loads, &[])?,
+            estimator: Estimator::new(robot, &settings.loads, settings.estimator.clone())?
+                .among(&settings.scene)?,
+            given: Belief::new(robot, &settings.loads, &[])?.among(&settings.scene)?,
             watch: Watch::new(settings.watch, plant.period(), length),
             lag: Lag::new(settings.delay),
             commands: vec![start; settings.delay.most() + 1].into(),
@@ -275,11 +321,12 @@ impl<'s> Run<'s> {
         &mut self,
         plant: &dyn Plant,
         controller: &mut dyn Controller,
-        time: f64,
         measurement: &Measurement,
         measured: Option<Vector3<f64>>,
-        target: &dyn Fn(usize) -> Vector3<f64>,
+        ahead: &Ahead<'_>,
     ) -> Result<TrackingRow, TrackingError> {
+        let (time, wanted) = (ahead.time(), ahead.wanted());
+        let target = |periods: usize| ahead.target(periods);
         let now = self.commands[0].clone();
         if measured.is_some() {
             self.lag.measure(measured);
@@ -307,7 +354,7 @@ impl<'s> Run<'s> {
                 time,
                 period: self.period,
                 tip: tip.unwrap_or_else(|| target(0)),
-                target,
+                target: &target,
                 lead: 1 + self.lag.periods(),
                 delay: self.settings.delay,
                 estimated: self.estimator.belief(),
@@ -323,7 +370,7 @@ impl<'s> Run<'s> {
             }
         }
         let next = self.settings.limits.admit(&now, next);
-        let error = tip.map(|tip| (tip - target(0)).norm());
+        let error = tip.map(|tip| (tip - wanted).norm());
         let moved = (next.iter().zip(&now).enumerate())
             .map(|(t, (a, b))| ((a - b) / self.settings.limits.step[t]).abs())
             .fold(0.0, f64::max);
@@ -344,8 +391,9 @@ impl<'s> Run<'s> {
         self.commands.truncate(self.settings.delay.most() + 1);
         Ok(TrackingRow {
             time,
-            target: target(0),
+            target: wanted,
             measured,
+            seen: tip,
             tip: plant.true_tip().or(tip),
             command: next,
             tensions: measurement.tensions.clone(),

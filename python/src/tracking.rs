@@ -9,7 +9,7 @@ use tdcr::pipeline::PipelineError;
 use tdcr::sim::inverse::recording::Marker;
 use tdcr::sim::robot::Command;
 use tdcr::track::{
-    self, ControllerName, TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions,
+    self, ControllerName, Model, TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions,
 };
 
 use crate::arrays::{array, contiguous};
@@ -19,8 +19,8 @@ use crate::robot::Robot;
 use crate::run;
 use crate::scene::Scene;
 
-/// Period (s), approach (s), largest rate (1/s in the command's unit), tensions (N).
-type Options = (Option<f64>, f64, Option<f64>, Option<[f64; 2]>);
+/// Period (s), approach (s), largest rate (1/s in the command's unit), tensions (N), trials.
+type Options = (Option<f64>, f64, Option<f64>, Option<[f64; 2]>, usize);
 
 /// Payload (kg), friction, backlash, error of spools, delay (s), how it is seen, noise of tensions (N), time step (s).
 type Different = (f64, f64, f64, f64, f64, String, Option<f64>, Option<f64>);
@@ -73,7 +73,7 @@ impl TipPathOf {
 
 fn options(
     controller: &str,
-    (period, approach, rate, tension): Options,
+    (period, approach, rate, tension, trials): Options,
     seed: u64,
 ) -> Outcome<TrackOptions> {
     let named = ControllerName::ALL
@@ -90,11 +90,12 @@ fn options(
         approach,
         rate,
         tension,
+        trials,
         seed,
     })
 }
 
-/// Leads the tip of a simulated robot along a path: what `tdcr track --json` prints, the rows, times and errors of the open loop, and the
+/// Leads the tip of a simulated robot, which stands `around` obstacles and is modelled among those of `scene`, along a path: what `tdcr track --json` prints, the rows, times and errors of the open loop, and the
 /// page.
 #[pyfunction]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
@@ -103,6 +104,7 @@ pub fn track_simulated<'py>(
     robot: PyRef<'_, Robot>,
     truth: PyRef<'_, Robot>,
     scene: PyRef<'_, Scene>,
+    around: PyRef<'_, Scene>,
     path: PyRef<'_, TipPathOf>,
     controller: &str,
     settings: Options,
@@ -124,10 +126,14 @@ pub fn track_simulated<'py>(
         tension_noise,
         timestep,
     };
-    let truth = different.truth(truth.0.spec(), scene.0.clone(), &options)?;
+    let truth = different.truth(truth.0.spec(), around.0.clone(), &options)?;
     let (robot, path) = (&robot.0, &path.0);
+    let model = Model {
+        robot,
+        scene: &scene.0,
+    };
     let tracked = run::long(py, None, |watch| {
-        track::track_simulated(robot, &truth, path, &options, &mut |_| !watch.stopped())
+        track::track_simulated(model, &truth, path, &options, &mut |_| !watch.stopped())
     })??;
     let open_loop = tracked.open_loop.as_ref().unwrap_or(&tracked.run).errors();
     let errors = array(py, open_loop.concat(), [open_loop.len(), 2])?;
@@ -147,6 +153,7 @@ pub fn track_plant<'py>(
     py: Python<'py>,
     plant: Bound<'py, PyAny>,
     robot: PyRef<'_, Robot>,
+    scene: PyRef<'_, Scene>,
     path: PyRef<'_, TipPathOf>,
     start: Option<PyReadonlyArray1<'_, f64>>,
     controller: &str,
@@ -155,9 +162,13 @@ pub fn track_plant<'py>(
 ) -> Outcome<(String, Rows<'py>, String)> {
     let mut options = options(controller, settings, seed)?;
     let (robot, path) = (&robot.0, &path.0);
+    let model = Model {
+        robot,
+        scene: &scene.0,
+    };
     let start = match start {
         Some(start) => robot.command(contiguous(&start, "start", &[robot.tendons().len()])?)?,
-        None => run::long(py, None, |_| track::first_command(robot, path, seed))??,
+        None => run::long(py, None, |_| track::first_command(model, path, seed))??,
     };
     let period: f64 = plant.call_method0("period")?.extract()?;
     if !(period.is_finite() && period > 0.0) {
@@ -172,9 +183,10 @@ pub fn track_plant<'py>(
         tendons: robot.tendons().len(),
     };
     let mut go_on = |_: &_| py.check_signals().is_ok();
-    let run = track::track_plant(&mut own, robot, &start, path, &options, &mut go_on)?;
+    let (run, trials) = track::track_plant(&mut own, model, &start, path, &options, &mut go_on)?;
     let tracked = Tracked {
         run,
+        trials,
         open_loop: None,
         period,
         payload: f64::NAN,
@@ -186,9 +198,11 @@ pub fn track_plant<'py>(
 
 /// Leads the tip of a rig's robot along a path; `payload` (kg) hangs from a simulated one's tip.
 #[pyfunction]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn track_rig<'py>(
     py: Python<'py>,
     rig: PyRef<'_, Rig>,
+    scene: PyRef<'_, Scene>,
     path: PyRef<'_, TipPathOf>,
     payload: f64,
     controller: &str,
@@ -196,10 +210,10 @@ pub fn track_rig<'py>(
     seed: u64,
 ) -> Outcome<(String, Rows<'py>, String)> {
     let options = options(controller, settings, seed)?;
-    let path = &path.0;
+    let (scene, path) = (&scene.0, &path.0);
     let (robot, tracked) = rig.long(py, |rig, watch| {
         let goes_on = || !watch.stopped();
-        let tracked = track::track_rig(rig, path, payload, &options, &goes_on, &mut |_| {});
+        let tracked = track::track_rig(rig, scene, path, payload, &options, &goes_on, &mut |_| {});
         (rig.robot().clone(), tracked)
     })?;
     let tracked = tracked?;

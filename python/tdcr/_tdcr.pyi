@@ -339,13 +339,14 @@ class TipPathOf:
     def rows(rows: _Floats) -> TipPathOf: ...
 
 _TrackingRows = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]
-_TrackOptions = tuple[float | None, float, float | None, list[float] | None]
+_TrackOptions = tuple[float | None, float, float | None, list[float] | None, int]
 _Different = tuple[float, float, float, float, float, str, float | None, float | None]
 
 def track_simulated(
     robot: Robot,
     truth: Robot,
     scene: Scene,
+    around: Scene,
     path: TipPathOf,
     controller: str,
     settings: _TrackOptions,
@@ -355,6 +356,7 @@ def track_simulated(
 def track_plant(
     plant: Any,
     robot: Robot,
+    scene: Scene,
     path: TipPathOf,
     start: _Floats | None,
     controller: str,
@@ -363,6 +365,7 @@ def track_plant(
 ) -> tuple[str, _TrackingRows, str]: ...
 def track_rig(
     rig: Rig,
+    scene: Scene,
     path: TipPathOf,
     payload: float,
     controller: str,

@@ -52,7 +52,7 @@ class Tracking(Result):
         deviations: Standard deviations of these.
         open_loop: Times (s) and errors (m) of the open loop on the same robot, shape (periods, 2); None of a plant of one's own.
         summary: What ``tdcr track --json`` prints: ``rms_error`` (m), ``rms_error_percent`` of the length,
-            ``rms_error_open_loop`` (m), ``untold``, ``incidents``, ``stopped`` and more.
+            ``trials`` (m, of each), ``rms_error_open_loop`` (m), ``untold``, ``incidents``, ``stopped`` and more.
     """
 
     times: Floats
@@ -82,6 +82,7 @@ def track(
     tension: Any = None,
     truth: RobotLike | None = None,
     scene: Scene | None = None,
+    truth_scene: Scene | None = None,
     payload: float = 0.0,
     friction: float = 0.0,
     backlash: float = 0.0,
@@ -91,6 +92,7 @@ def track(
     tension_noise: float | None = None,
     timestep: float | None = None,
     start: Any = None,
+    trials: int = 1,
     seed: int = 0,
     report: PathLike | None = None,
 ) -> Tracking:
@@ -112,7 +114,8 @@ def track(
         rate: Largest change of a command in a second (m/s or N/s); half of each tendon's range unless given.
         tension: Smallest and largest tension that commands may lead to, shape (2,) (N).
         truth: The simulated robot; ``robot`` unless given.
-        scene: Obstacles around it.
+        scene: Obstacles around the robot, in the controller's model and in truth.
+        truth_scene: Obstacles around the simulated robot in place of ``scene``, which the model has.
         payload: Mass hung from its tip that the controller does not know of (kg).
         friction: Coefficient of friction of its tendons in their holes.
         backlash: Play between each servo and its tendon, its whole width (m or N).
@@ -124,6 +127,8 @@ def track(
         timestep: Time step of a robot in motion (s); without it the robot is always at rest.
         start: What the tendons of ``plant`` are commanded now, shape (tendons,); the model's command for the path's first point
             unless given.
+        trials: Trials of the path, one after another: each corrects the path that the controller is given by the errors of the
+            last one. The last trial is returned.
         seed: Seed of noise, of the signs of ``gain_error``, and of the search for the first command.
         report: An HTML page to write: error, path, commands, tensions, estimated payload.
 
@@ -142,7 +147,9 @@ def track(
         _not_negative(approach, "approach"),
         None if rate is None else as_number(rate, "rate"),
         None if tension is None else as_float(tension, "tension", (2,)).tolist(),
+        as_count(trials, "trials", 1, 1000),
     )
+    known = (nothing() if scene is None else as_scene(scene))._native
     differs = {
         "payload": payload,
         "friction": friction,
@@ -158,14 +165,14 @@ def track(
     if step is not None and numbers["friction"] > 0.0:
         raise InputError("friction is given beside timestep: tendons with friction cannot be simulated in motion")
     if isinstance(plant, Rig):
-        given = {"truth": truth, "scene": scene, "timestep": step, "start": start}
+        given = {"truth": truth, "truth_scene": truth_scene, "timestep": step, "start": start}
         _simulated_only(numbers, {"payload"}, seen, given)
-        text, rows, html = _tdcr.track_rig(plant._native, way, numbers["payload"], named, settings, number)
+        text, rows, html = _tdcr.track_rig(plant._native, known, way, numbers["payload"], named, settings, number)
         _write(page, html)
         return _tracking(text, rows, None)
     if plant is not None:
-        _simulated_only(numbers, set(), seen, {"truth": truth, "scene": scene, "timestep": step})
-        return _on_plant(plant, model, way, start, named, settings, number, page)
+        _simulated_only(numbers, set(), seen, {"truth": truth, "truth_scene": truth_scene, "timestep": step})
+        return _on_plant(plant, model, known, way, start, named, settings, number, page)
     if start is not None:
         raise InputError("start is given without a plant: a simulated robot starts at the path's first point")
     true = model if truth is None else as_robot(truth)
@@ -174,7 +181,8 @@ def track(
     text, rows, open_loop, html = _tdcr.track_simulated(
         model._native,
         true._native,
-        (nothing() if scene is None else as_scene(scene))._native,
+        known,
+        known if truth_scene is None else as_scene(truth_scene)._native,
         way,
         named,
         settings,
@@ -206,10 +214,11 @@ def _simulated_only(numbers: dict[str, float], allowed: set[str], seen: str, oth
 def _on_plant(
     plant: Plant,
     model: Robot,
+    scene: _tdcr.Scene,
     way: _tdcr.TipPathOf,
     start: Any,
     controller: str,
-    settings: tuple[float | None, float, float | None, list[float] | None],
+    settings: tuple[float | None, float, float | None, list[float] | None, int],
     seed: int,
     page: str | None,
 ) -> Tracking:
@@ -217,7 +226,7 @@ def _on_plant(
         if not callable(getattr(plant, name, None)):
             raise InputError(f"plant is {plant!r}; expected an object with the methods period, measure and command")
     first = None if start is None else as_float(start, "start", (model.tendons,))
-    text, rows, html = _tdcr.track_plant(plant, model._native, way, first, controller, settings, seed)
+    text, rows, html = _tdcr.track_plant(plant, model._native, scene, way, first, controller, settings, seed)
     _write(page, html)
     return _tracking(text, rows, None)
 

@@ -29,6 +29,7 @@ mod jogged;
 mod joystick;
 mod keys;
 mod loads;
+mod loads_file;
 mod log;
 mod manual;
 mod new;

@@ -1,6 +1,6 @@
 //! Obstacles around the robot as an option.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tdcr::sim::formats::load_scene;
@@ -22,16 +22,18 @@ impl SceneArgs {
 
     /// The scene of the file, if one is given.
     pub fn given(&self) -> anyhow::Result<Option<Scene>> {
-        let Some(file) = &self.scene else {
-            return Ok(None);
-        };
-        let (scene, notes) = load_scene(file)?;
-        super::warn_of(&notes);
-        Ok(Some(scene))
+        self.scene.as_deref().map(load).transpose()
     }
 
     /// The scene of the file; the one without obstacles where none is given.
     pub fn load(&self) -> anyhow::Result<Scene> {
         Ok(self.given()?.unwrap_or_default())
     }
+}
+
+/// The scene of a file.
+pub(super) fn load(file: &Path) -> anyhow::Result<Scene> {
+    let (scene, notes) = load_scene(file)?;
+    super::warn_of(&notes);
+    Ok(scene)
 }

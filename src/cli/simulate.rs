@@ -13,11 +13,13 @@ use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::contact::{ContactLaw, ContactStepper};
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, Servos, State, Stepper};
-use tdcr::sim::robot::{Loads, Robot};
+use tdcr::sim::robot::Robot;
 use tdcr::sim::scene::Scene;
 
 use super::commands::read_commands;
 use super::console::{Console, Interrupted};
+use super::loads::LoadArgs;
+use super::loads_file::LoadsFile;
 use super::output;
 use super::picture::{MotionPicture, PictureArg};
 use super::scene::SceneArgs;
@@ -38,14 +40,12 @@ pub(super) struct SimulateArgs {
     /// How a step is taken
     #[arg(long, value_enum, default_value_t = Method::SemiImplicitEuler)]
     integrator: Method,
-    /// Point mass on the tip disc (kg)
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        allow_hyphen_values = true,
-        value_name = "KG"
-    )]
-    payload: f64,
+    #[command(flatten)]
+    loads: LoadArgs,
+    /// Loads that vary, as CSV whose first line names its columns: fx9, fy9, fz9 (N) and mx9, my9, mz9 (N m), world frame, on disc 9, or
+    /// fxtip and so on. A row for each command; with a column time (s) rows at those times, linear between them
+    #[arg(long, value_name = "FILE")]
+    loads_file: Option<PathBuf>,
     /// Write the disc origins (m) after every step to this CSV file; in a scene also the contacts' force on each disc (N), and the
     /// position (m) and quaternion (w, x, y, z) of each object
     #[arg(long, value_name = "FILE")]
@@ -151,7 +151,17 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     }
     let robot = Robot::new(args.robot.load()?)?;
     let commands = read_commands(&args.commands, |row| Ok(robot.command(&row.unloaded()?)?))?;
-    let loads = Loads::payload(args.payload)?;
+    let constant = args.loads.on(&robot)?;
+    let varying = (args.loads_file.as_deref())
+        .map(|file| LoadsFile::read(file, &robot))
+        .transpose()?;
+    if let Some(varying) = &varying {
+        varying.check_rows(commands.len())?;
+    }
+    let loads_in = |step: usize| match &varying {
+        Some(varying) => varying.beside(&constant, step, (step + 1) as f64 * args.dt),
+        None => Ok(constant.clone()),
+    };
     let scene = args.scene.load()?;
     let touches = !scene.is_empty();
     if args.linearise.is_some() && touches {
@@ -165,7 +175,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         .map(|file| PathFile::create(file, &robot, &scene))
         .transpose()?;
     let mut picture = (args.picture.wanted_of_motion()?)
-        .map(|to| MotionPicture::new(to, &robot, &loads, &scene, (commands.len(), args.dt)))
+        .map(|to| MotionPicture::new(to, &robot, &constant, &scene, (commands.len(), args.dt)))
         .transpose()?;
     let mut state = State::straight(&robot);
     let first = commands
@@ -175,14 +185,18 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     let mut servos = Servos::at(&robot, &first);
     if let Some(first) = commands.first() {
         stepper.check_start(&state)?;
-        (stepper.stepper()).check_stable(&state, first, &loads)?;
+        (stepper.stepper()).check_stable(&state, first, &loads_in(0)?)?;
     }
     for (step, command) in commands.iter().enumerate() {
         if console.interrupted() {
             return Err(Interrupted.into());
         }
-        (stepper.step(&mut state, servos.follow(command, args.dt), &loads))
-            .with_context(|| format!("step {step}, at {:.6} s", step as f64 * args.dt))?;
+        (stepper.step(
+            &mut state,
+            servos.follow(command, args.dt),
+            &loads_in(step)?,
+        ))
+        .with_context(|| format!("step {step}, at {:.6} s", step as f64 * args.dt))?;
         if let Some(path) = &mut path {
             path.write((step + 1) as f64 * args.dt, &state, &stepper)?;
         }
@@ -198,7 +212,11 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         picture.finish()?;
     }
     if let (Some(file), Some(command)) = (&args.linearise, commands.last()) {
-        let linear = Lineariser::new(&robot, args.dt)?.linearise(&state, command, &loads)?;
+        let linear = Lineariser::new(&robot, args.dt)?.linearise(
+            &state,
+            command,
+            &loads_in(commands.len() - 1)?,
+        )?;
         write_matrices(file, &linear)?;
     }
     let simulated = Simulated {

@@ -11,7 +11,7 @@ use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Robot, RobotSpec};
 use tdcr::track::{
-    TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions, closed_path, curve_named,
+    Model, TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions, closed_path, curve_named,
     headline, page, path_of_rows, table, track_rig, track_simulated, write_log,
 };
 
@@ -38,7 +38,8 @@ pub(super) struct TrackArgs {
         long,
         value_name = "FILE",
         conflicts_with_all = [
-            "name_or_path", "truth", "friction", "backlash", "gain_error", "delay", "noise", "tension_noise", "timestep", "scene",
+            "name_or_path", "truth", "friction", "backlash", "gain_error", "delay", "noise", "tension_noise", "timestep",
+            "truth_scene",
         ]
     )]
     rig: Option<PathBuf>,
@@ -62,6 +63,9 @@ pub(super) struct TrackArgs {
     different: TruthOptions,
     #[command(flatten)]
     scene: SceneArgs,
+    /// Obstacles around the simulated robot in place of those of --scene, which the controller's model has
+    #[arg(long, value_name = "FILE")]
+    truth_scene: Option<PathBuf>,
     /// Folder of the run's tables
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -135,12 +139,19 @@ fn simulated(args: &TrackArgs, console: &Console) -> anyhow::Result<(Robot, Trac
             robot.tendons().len()
         );
     }
-    let truth = args
-        .different
-        .truth(&truth, args.scene.load()?, &args.options)?;
+    let scene = args.scene.load()?;
+    let around = match &args.truth_scene {
+        Some(file) => super::scene::load(file)?,
+        None => scene.clone(),
+    };
+    let truth = args.different.truth(&truth, around, &args.options)?;
     let path = args.path(&robot)?;
     let mut goes_on = |_: &_| !console.interrupted();
-    let tracked = track_simulated(&robot, &truth, &path, &args.options, &mut goes_on)?;
+    let model = Model {
+        robot: &robot,
+        scene: &scene,
+    };
+    let tracked = track_simulated(model, &truth, &path, &args.options, &mut goes_on)?;
     Ok((robot, tracked))
 }
 
@@ -158,6 +169,7 @@ fn on_rig(args: &TrackArgs, rig: &Path, console: &Console) -> anyhow::Result<(Ro
     let goes_on = || !console.interrupted();
     let tracked = track_rig(
         &mut rig,
+        &args.scene.load()?,
         &path,
         payload,
         &args.options,
@@ -209,6 +221,9 @@ fn settings(args: &TrackArgs) -> Vec<(String, String)> {
     let mut all = vec![("Path", args.path.clone())];
     if let Some(period) = options.period {
         all.push(("Time between commands", format!("{period} s")));
+    }
+    if options.trials > 1 {
+        all.push(("Trials", options.trials.to_string()));
     }
     all.push(("Unknown payload", format!("{} kg", args.different.payload)));
     match &args.rig {

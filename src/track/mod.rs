@@ -22,6 +22,7 @@ use tdcr_control::belief::BeliefError;
 use tdcr_control::controller::{Inverse, LimitsError};
 use tdcr_control::estimator::EstimatorSettings;
 use tdcr_control::lag::Delay;
+use tdcr_control::learning::Learning;
 use tdcr_control::plant::{Plant, PlantError, SimulatedPlant, Truth, TruthError};
 use tdcr_control::tip_path::{TipPath, TipPathError};
 use tdcr_control::tracking::{Tracking, TrackingError, TrackingRow, TrackingSettings, track};
@@ -30,6 +31,7 @@ use tdcr_hw::capture::CaptureError;
 use tdcr_hw::rig::Rig;
 use tdcr_sim::inverse::shape::{Outcome, Search, ShapeControlError, ShapeController, Target};
 use tdcr_sim::robot::{Command, Loads, LoadsError, Robot};
+use tdcr_sim::scene::Scene;
 use thiserror::Error;
 
 /// Longest delay that is looked for (periods).
@@ -137,8 +139,10 @@ impl From<TrackingError> for TrackError {
 /// A run along a path, and the open loop on the same robot.
 #[derive(Clone, Debug)]
 pub struct Tracked {
-    /// The run.
+    /// The run, of several trials the last.
     pub run: Tracking,
+    /// Root mean square error of each trial (m); `None` of one that did not come to the path.
+    pub trials: Vec<Option<f64>>,
     /// The same by [`Inverse`], which looks at nothing; the run itself where that is its controller.
     pub open_loop: Option<Tracking>,
     /// Time between commands (s).
@@ -152,25 +156,34 @@ pub struct Tracked {
 /// Distance (m) from the path's first point within which the search for a first command ends.
 const START: f64 = 1e-5;
 
-/// Leads the tip of a simulated robot along `path`, whose model is `robot`. `each` sees every period of the run (not those of the open
+/// What controllers know of a robot: the robot, and the obstacles around it.
+#[derive(Clone, Copy, Debug)]
+pub struct Model<'a> {
+    /// The robot.
+    pub robot: &'a Robot,
+    /// What it settles among.
+    pub scene: &'a Scene,
+}
+
+/// Leads the tip of a simulated robot along `path` by a model of it. `each` sees every period of the run (not those of the open
 /// loop), and may end it by `false`.
 ///
 /// # Errors
 /// [`TrackError`].
 pub fn track_simulated(
-    robot: &Robot,
+    model: Model<'_>,
     truth: &Truth,
     path: &TipPath,
     options: &TrackOptions,
     each: &mut dyn FnMut(&TrackingRow) -> bool,
 ) -> Result<Tracked, TrackError> {
-    let start = first_command(robot, path, options.seed)?;
+    let start = first_command(model, path, options.seed)?;
     let mut plant = SimulatedPlant::new(truth, options.period(), &start, options.seed)?;
-    let run = track_plant(&mut plant, robot, &start, path, options, each)?;
+    let (run, trials) = track_plant(&mut plant, model, &start, path, options, each)?;
     let open_loop = match options.controller {
-        ControllerName::Inverse => None,
+        ControllerName::Inverse if options.trials == 1 => None,
         _ => {
-            let mut settings = settings(robot, options, options.period())?;
+            let mut settings = settings(model, options, options.period())?;
             // Nothing steers an open loop: that it is far off is what is asked.
             settings.watch.error = f64::INFINITY;
             // It does not look at clouds, which are what takes the time.
@@ -180,7 +193,7 @@ pub fn track_simulated(
             let mut inverse = Inverse::default();
             Some(track(
                 &mut plant,
-                robot,
+                model.robot,
                 &start,
                 path,
                 &mut inverse,
@@ -191,6 +204,7 @@ pub fn track_simulated(
     };
     Ok(Tracked {
         run,
+        trials,
         open_loop,
         period: options.period(),
         payload: truth.loads.tip_payload().mass,
@@ -198,7 +212,7 @@ pub fn track_simulated(
     })
 }
 
-/// Leads the tip of a rig's robot along `path`, seen by its cameras. Its motors are on meanwhile; however this ends, the tension is
+/// Leads the tip of a rig's robot among the obstacles of `scene` along `path`, seen by its cameras. Its motors are on meanwhile; however this ends, the tension is
 /// released. `payload` (kg) is hung from a simulated rig's robot, and nobody tells the controller. `goes_on` is asked again and again
 /// whether to go on, and `each` sees every period.
 ///
@@ -206,6 +220,7 @@ pub fn track_simulated(
 /// [`TrackError`].
 pub fn track_rig(
     rig: &mut Rig,
+    scene: &Scene,
     path: &TipPath,
     payload: f64,
     options: &TrackOptions,
@@ -216,8 +231,12 @@ pub fn track_rig(
         return Err(TrackError::NoCameras(rig.spec().name.clone()));
     }
     let robot = rig.robot().clone();
+    let model = Model {
+        robot: &robot,
+        scene,
+    };
     // That the path begins within reach is known before anything moves.
-    first_command(&robot, path, options.seed)?;
+    first_command(model, path, options.seed)?;
     let (estimator, limits) = (
         rig::estimator(rig.spec(), &robot),
         rig::limits(rig, options)?,
@@ -245,25 +264,20 @@ pub fn track_rig(
     let settings = TrackingSettings {
         estimator,
         limits,
-        ..settings(&robot, options, period)?
+        ..settings(model, options, period)?
     };
-    let mut controller = options.controller.make();
-    let run = track(
-        &mut plant,
-        &robot,
-        &start,
-        path,
-        &mut *controller,
-        &settings,
-        &mut |row| {
-            each(row);
-            goes_on()
-        },
+    let mut each = |row: &TrackingRow| {
+        each(row);
+        goes_on()
+    };
+    let (run, trials) = try_again(
+        &mut plant, &robot, &start, path, options, settings, &mut each,
     )?;
     let late = plant.late();
     plant.end()?;
     Ok(Tracked {
         run,
+        trials,
         open_loop: None,
         period,
         payload: if is_simulated { payload } else { f64::NAN },
@@ -271,33 +285,61 @@ pub fn track_rig(
     })
 }
 
-/// Leads the tip of any plant along `path`, whose model is `robot` and whose tendons are under `start`.
+/// A run, of several trials the last, and the root mean square error (m) of each trial.
+pub type Trials = (Tracking, Vec<Option<f64>>);
+
+/// Leads the tip of any plant along `path` by a model of it; its tendons are under `start`.
 ///
 /// # Errors
 /// [`TrackError`].
 pub fn track_plant(
     plant: &mut dyn Plant,
-    robot: &Robot,
+    model: Model<'_>,
     start: &Command,
     path: &TipPath,
     options: &TrackOptions,
     each: &mut dyn FnMut(&TrackingRow) -> bool,
-) -> Result<Tracking, TrackError> {
-    let settings = settings(robot, options, plant.period())?;
-    let mut controller = options.controller.make();
-    Ok(track(
-        plant,
-        robot,
-        start,
-        path,
-        &mut *controller,
-        &settings,
-        each,
-    )?)
+) -> Result<Trials, TrackError> {
+    let settings = settings(model, options, plant.period())?;
+    try_again(plant, model.robot, start, path, options, settings, each)
+}
+
+/// Trials of a path, each from where the one before ended, with what was learnt in all of them.
+fn try_again(
+    plant: &mut dyn Plant,
+    robot: &Robot,
+    start: &Command,
+    path: &TipPath,
+    options: &TrackOptions,
+    mut settings: TrackingSettings,
+    each: &mut dyn FnMut(&TrackingRow) -> bool,
+) -> Result<Trials, TrackError> {
+    let (learning, mut start) = (Learning::default(), start.clone());
+    let mut errors = Vec::new();
+    loop {
+        let mut controller = options.controller.make();
+        let run = track(
+            plant,
+            robot,
+            &start,
+            path,
+            &mut *controller,
+            &settings,
+            each,
+        )?;
+        errors.push(run.rms_error());
+        if errors.len() >= options.trials || run.stopped.is_some() {
+            return Ok((run, errors));
+        }
+        if let Some(last) = run.last_given() {
+            start = robot.command(last).map_err(TrackingError::from)?;
+        }
+        learning.learn(&mut settings.correction, &run, plant.period());
+    }
 }
 
 fn settings(
-    robot: &Robot,
+    Model { robot, scene }: Model<'_>,
     options: &TrackOptions,
     period: f64,
 ) -> Result<TrackingSettings, TrackError> {
@@ -305,6 +347,8 @@ fn settings(
     Ok(TrackingSettings {
         approach: options.approach,
         loads: Loads::default(),
+        scene: scene.clone(),
+        correction: Vec::new(),
         estimator: EstimatorSettings::for_robot(robot),
         delay: Delay::Estimated {
             most: LONGEST_DELAY,
@@ -318,13 +362,17 @@ fn settings(
 ///
 /// # Errors
 /// [`TrackError::Start`] where none is found.
-pub fn first_command(robot: &Robot, path: &TipPath, seed: u64) -> Result<Command, TrackError> {
+pub fn first_command(
+    Model { robot, scene }: Model<'_>,
+    path: &TipPath,
+    seed: u64,
+) -> Result<Command, TrackError> {
     let search = Search {
         tolerance: START,
         seed,
         ..Search::default()
     };
-    let controller = ShapeController::new(robot, &Loads::default(), search)?;
+    let controller = ShapeController::among(robot, scene, &Loads::default(), search)?;
     let start: Vector3<f64> = path.at(0.0);
     let found = controller.reach(&[Target::tip(robot, start)])?;
     match found.outcome {

@@ -21,6 +21,8 @@ use super::TrackError;
 
 /// Largest coefficient of friction of tendons in their holes.
 const FRICTION: f64 = 2.0;
+/// Most trials of a path.
+pub const MOST_TRIALS: usize = 1000;
 /// Time between commands of a simulated robot where nothing else is asked for (s).
 const PERIOD: f64 = 0.05;
 
@@ -42,6 +44,10 @@ pub struct TrackOptions {
     /// Smallest and largest tension that commands may lead to (N) [default: 0 and no bound]
     #[arg(long, value_name = "LOW,HIGH", value_parser = pair, allow_hyphen_values = true)]
     pub tension: Option<[f64; 2]>,
+    /// Trials of the path, one after another: each corrects the path that the controller is given by the errors of the last one. What
+    /// is told and written is of the last trial
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = trials)]
+    pub trials: usize,
     /// Seed of noise, of the signs of --gain-error, and of the search for the first command
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
@@ -55,6 +61,7 @@ impl Default for TrackOptions {
             approach: 4.0,
             rate: None,
             tension: None,
+            trials: 1,
             seed: 0,
         }
     }
@@ -322,6 +329,12 @@ fn share(text: &str) -> Result<f64, String> {
             "`{value}` is no share; expected 0 or above, and below 1"
         )),
     }
+}
+
+fn trials(text: &str) -> Result<usize, String> {
+    let count = text.trim().parse().ok();
+    (count.filter(|count| (1..=MOST_TRIALS).contains(count)))
+        .ok_or_else(|| format!("`{text}` is no number of trials; expected 1 to {MOST_TRIALS}"))
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {

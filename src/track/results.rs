@@ -30,6 +30,8 @@ pub struct TrackSummary {
     pub rms_error_percent: Option<f64>,
     /// The largest distance (m).
     pub largest_error: Option<f64>,
+    /// Root mean square distance in each trial (m); `None` where one did not come to the path.
+    pub trials: Vec<Option<f64>>,
     /// Root mean square distance in open loop through the model, on the same robot (m); `None` where that was not run.
     pub rms_error_open_loop: Option<f64>,
     /// What is known of what the model does not have, at the end.
@@ -80,6 +82,7 @@ impl TrackSummary {
             rms_error,
             rms_error_percent: rms_error.map(|error| 100.0 * error / run.length),
             largest_error: run.largest_error(),
+            trials: tracked.trials.clone(),
             rms_error_open_loop: match &tracked.open_loop {
                 Some(open_loop) => open_loop.rms_error(),
                 None if run.controller == ControllerName::Inverse.name() => rms_error,
@@ -211,6 +214,11 @@ pub fn headline(summary: &TrackSummary) -> String {
             let _ = write!(text, "; in open loop {}.", millimetres(Some(error)));
         }
         None => text.push('.'),
+    }
+    if summary.trials.len() > 1 {
+        let trials = summary.trials.iter().map(|&error| millimetres(error));
+        let trials: Vec<String> = trials.collect();
+        let _ = write!(text, " Trial by trial: {}.", trials.join(", "));
     }
     if let Some(stopped) = &summary.stopped {
         let _ = write!(text, " The run was stopped: {stopped}.");

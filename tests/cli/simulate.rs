@@ -157,3 +157,85 @@ fn objects_of_shapes_that_do_not_move_are_refused() {
     ];
     refuse(&arguments, 1, "object `tube` is a pipe");
 }
+
+#[test]
+fn loads_of_a_file_vary_from_command_to_command() {
+    let (folder, file) = commands(&PULL.repeat(20));
+    let loads = folder.path().join("loads.csv");
+    let simulate = |table: &str, options: &[&str]| {
+        std::fs::write(&loads, table).unwrap();
+        let arguments = ["simulate", "--commands", text(&file)];
+        let given = match table.is_empty() {
+            true => vec![],
+            false => vec!["--loads-file", text(&loads)],
+        };
+        succeed_json(&[&arguments[..], &given, options].concat())["positions"].clone()
+    };
+    // The same all along is what --wrench is, beside which it acts.
+    let wrench = simulate("", &["--wrench", "tip:0.1,0,0.2,0,0.01,0"]);
+    let header = "# of a gripper\nfxtip (N), fz9 (N), my9 (N m), note\n";
+    let rows = "0.1,0.2,0.01,held\n".repeat(20);
+    assert_eq!(simulate(&format!("{header}{rows}"), &[]), wrench);
+    let halves = "fx9,fz9,my9,time (s)\n0.05,0.1,0.005,0\n0.05,0.1,0.005,1\n";
+    assert_eq!(
+        simulate(halves, &["--wrench", "9:0.05,0,0.1,0,0.005,0"]),
+        wrench
+    );
+    // Linear in time: a step of 2 ms ends at 2 ms, the last at 40 ms.
+    let ramp: String = (1..=20)
+        .map(|k| format!("{}\n", 0.01 * f64::from(k)))
+        .collect();
+    let stepwise = simulate(&format!("fx4 (N)\n{ramp}"), &[]);
+    let linear = simulate("t,fx4\n0,0\n0.04,0.2\n", &[]);
+    for (one, other) in stepwise
+        .as_array()
+        .unwrap()
+        .iter()
+        .zip(linear.as_array().unwrap())
+    {
+        for axis in 0..3 {
+            let off = one[axis].as_f64().unwrap() - other[axis].as_f64().unwrap();
+            assert!(off.abs() < 1e-12, "{stepwise} {linear}");
+        }
+    }
+
+    for (table, expected) in [
+        ("", "is empty; expected columns fx9"),
+        (
+            "a,b\n1,2\n",
+            "line 1: the columns are a, b; expected columns fx9",
+        ),
+        (
+            "fx10\n1\n",
+            "line 1: the column `fx10` is of no disc: the robot has discs 0 to 9",
+        ),
+        (
+            "fx9,fxtip\n1,1\n",
+            "line 1: the column `fxtip` is there twice",
+        ),
+        ("fx9\n", "has no loads below the names"),
+        ("fx9,fy9\n1\n", "line 2: 1 entries, expected 2"),
+        (
+            "fx9,fy9 (N)\n\n1,nan\n",
+            "line 3, column `fy9 (N)`: `nan` is no finite number",
+        ),
+        (
+            "fx9\n1\n2\n",
+            "has 2 rows of loads, and there are 20 commands; expected a row for each",
+        ),
+        (
+            "t,fx9\n0,1\n0,2\n",
+            "line 3: the time 0 s, after 0 s; expected times that ascend",
+        ),
+    ] {
+        std::fs::write(&loads, table).unwrap();
+        let arguments = [
+            "simulate",
+            "--commands",
+            text(&file),
+            "--loads-file",
+            text(&loads),
+        ];
+        refuse(&arguments, 1, expected);
+    }
+}

@@ -56,6 +56,30 @@ fn a_robot_that_swings_is_led_by_a_model_that_does() {
 }
 
 #[test]
+fn a_post_that_the_robot_leans_on_does_no_harm_where_the_model_has_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let post = folder.path().join("post.toml");
+    let lying = "cylinder = { radius = 0.005, length = 0.1 }\nposition = [0.025, 0.0, 0.25]\n\
+                 orientation = [0.7071067811865476, 0.7071067811865476, 0.0, 0.0]\n";
+    fs::write(&post, format!("[[obstacle]]\nname = \"post\"\n{lying}")).unwrap();
+    let error = |option: &str| number(&tracked(&[option, text(&post)]), "rms_error");
+    let (known, unknown) = (error("--scene"), error("--truth-scene"));
+    assert!(known < 1e-4 && unknown > 10.0 * known, "{known} {unknown}");
+}
+
+#[test]
+fn trials_learn_from_one_another() {
+    let options = ["--gain-error", "0.1", "--backlash", "1e-4", "--trials", "3"];
+    let found = tracked(&options);
+    let trials: Vec<f64> = (found["trials"].as_array().unwrap().iter())
+        .map(|error| error.as_f64().unwrap())
+        .collect();
+    assert_eq!(trials.len(), 3);
+    assert!(trials[2] < 0.5 * trials[0], "{trials:?}");
+    assert_eq!(trials[2], number(&found, "rms_error"));
+}
+
+#[test]
 fn the_open_loop_is_the_run_where_it_is_the_controller() {
     let found = tracked(&["--controller", "inverse", "--payload", "0.01"]);
     assert_eq!(found["rms_error"], found["rms_error_open_loop"]);
@@ -211,7 +235,7 @@ fn what_is_wrong_is_said() {
     for (option, value) in [
         ("--friction", "0.1"),
         ("--noise", "d435"),
-        ("--scene", "x.toml"),
+        ("--truth-scene", "x.toml"),
     ] {
         refuse(
             &[&rig[..], &[option, value]].concat(),
@@ -225,6 +249,7 @@ fn what_is_wrong_is_said() {
         "the rate is 0.5 m/s; expected at most 0.02, the rig's motion.slew",
     );
     refuse(&with(&["--noise", "d415"]), 2, "nor d435");
+    refuse(&with(&["--trials", "0"]), 2, "expected 1 to 1000");
     refuse(
         &with(&["--truth", "3m"]),
         1,

@@ -13,6 +13,7 @@ mod cloud;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use tdcr_sim::inverse::recording::Shown;
 use tdcr_sim::robot::{CommandUnit, Loads, Robot};
+use tdcr_sim::scene::Scene;
 
 use crate::belief::{Belief, BeliefError, Unknown};
 use crate::plant::Measurement;
@@ -134,6 +135,15 @@ impl Estimator {
             settings,
             innovation: None,
         })
+    }
+
+    /// The same whose model is among the obstacles of `scene`: [`Belief::among`].
+    ///
+    /// # Errors
+    /// As [`Belief::among`].
+    pub fn among(mut self, scene: &Scene) -> Result<Self, BeliefError> {
+        self.belief = self.belief.among(scene)?;
+        Ok(self)
     }
 
     /// The model with the estimated values.

@@ -16,6 +16,7 @@ use tdcr_control::tracking::{Tracking, TrackingSettings, track};
 use tdcr_control::watch::WatchSettings;
 use tdcr_sim::inverse::recording::Marker;
 use tdcr_sim::robot::{Command, Loads, Robot, RobotSpec};
+use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::Physics;
 
 use super::PERIOD;
@@ -238,6 +239,8 @@ fn bad_day(seed: u64, steps: &AtomicUsize) -> Option<Tracking> {
     let settings = TrackingSettings {
         approach: 1.0,
         loads: Loads::default(),
+        scene: Scene::default(),
+        correction: Vec::new(),
         estimator: EstimatorSettings::for_robot(&robot),
         delay: Delay::Estimated { most: 4 },
         limits: limits.clone(),

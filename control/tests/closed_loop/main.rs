@@ -5,6 +5,7 @@ mod bad_days;
 mod clouds;
 mod estimation;
 mod moving;
+mod obstacles;
 mod paths;
 mod plants;
 mod quadratic;
@@ -19,6 +20,7 @@ use tdcr_control::tracking::TrackingSettings;
 use tdcr_control::watch::WatchSettings;
 use tdcr_sim::inverse::shape::{Search, ShapeController, Target};
 use tdcr_sim::robot::{Command, Loads, Robot, RobotSpec};
+use tdcr_sim::scene::Scene;
 
 /// Time between commands (s).
 const PERIOD: f64 = 0.05;
@@ -54,6 +56,8 @@ fn settings(robot: &Robot) -> TrackingSettings {
     TrackingSettings {
         approach: 2.0,
         loads: Loads::default(),
+        scene: Scene::default(),
+        correction: Vec::new(),
         estimator: EstimatorSettings::for_robot(robot),
         delay: Delay::Estimated { most: 4 },
         limits: Limits::new(robot, PERIOD, None, [0.0, f64::INFINITY]).unwrap(),

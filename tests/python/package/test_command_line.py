@@ -51,7 +51,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
     "study merge": (tdcr.merge_study, {}),
     "simulate": (
         tdcr.simulate,
-        {"out": "arrays are returned", "linearise": "tdcr.linearise", "picture": "tdcr.plot"},
+        {**LOADS, "loads-file": "wrench", "out": "arrays are returned", "linearise": "tdcr.linearise", "picture": "tdcr.plot"},
     ),
     "render": (
         tdcr.render,

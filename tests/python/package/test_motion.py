@@ -30,6 +30,19 @@ def ramps(robot: package.Robot, rows: int, length: int, seed: int = 0) -> np.nda
     return robot.mean_command + share * (ends[:, None] - robot.mean_command)
 
 
+def test_loads_that_vary_are_those_of_a_file_of_the_command_line(robot: package.Robot, tdcr: Run, tmp_path: Path) -> None:
+    (commands,) = ramps(robot, 1, 20)
+    np.savetxt(tmp_path / "commands.csv", commands, delimiter=",", fmt="%.17g")
+    wrench = np.zeros((20, robot.discs, 6))
+    wrench[:, 4, 0], wrench[:, 9, 5] = np.linspace(0.0, 0.2, 20), 0.01
+    table = np.column_stack([wrench[:, 4, 0], wrench[:, 9, 5]])
+    np.savetxt(tmp_path / "loads.csv", table, delimiter=",", fmt="%.17g", header="fx4 (N),mztip (N m)", comments="")
+    files = ("--commands", tmp_path / "commands.csv", "--loads-file", tmp_path / "loads.csv", "--line-load", "0,0.1,0")
+    told = tdcr("simulate", "--robot", "2m", *files, "--payload", 0.01)
+    motion = package.simulate(robot, commands, wrench=wrench, loads=package.Loads(0.01, line=[0.0, 0.1, 0.0]))
+    np.testing.assert_allclose(told["positions"], motion.positions[-1], rtol=0.0, atol=1e-15)
+
+
 @pytest.mark.parametrize("integrator", ["semi-implicit-euler", "runge-kutta4", "implicit-euler", "implicit-midpoint"])
 def test_a_simulation_is_that_of_the_command_line(robot: package.Robot, tdcr: Run, tmp_path: Path, integrator: Any) -> None:
     (commands,) = ramps(robot, 1, 40)

@@ -1,0 +1,59 @@
+//! Iterative learning over trials of one path.
+//!
+//! What a model lacks does much the same in each trial: spools that are off, friction, backlash, obstacles. The path that the controller is given
+//! is corrected by the errors of the last trial, `c <- Q(c + gain (r - p))` at each period, `r` the path, `p` the tip as it was seen and `Q` a low-pass filter
+//! without a phase, as the trial is over (Bristow, Tharayil and Alleyne, A survey of iterative learning control, IEEE Control Systems Magazine 26,
+//! 2006). The controller's model turns the corrections into commands. Errors fall from trial to trial as long as the controller's own loop
+//! leaves less than the whole of an error of each frequency that `Q` passes.
+
+use nalgebra::Vector3;
+
+use crate::tracking::Tracking;
+
+/// How corrections are learnt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Learning {
+    /// Share of an error that a correction takes in; above 0, and 1 at most.
+    pub gain: f64,
+    /// Time constant of each of the filter's passes, forwards and backwards (s); 0 for none.
+    pub smoothing: f64,
+}
+
+impl Default for Learning {
+    fn default() -> Self {
+        Self {
+            gain: 0.7,
+            smoothing: 0.1,
+        }
+    }
+}
+
+impl Learning {
+    /// Takes in the errors of a trial, whose periods are `period` (s) long, into the corrections (m) that it had: one for each period from the
+    /// path's start. Periods in which the tip was not seen, and those after the trial's end, keep theirs.
+    pub fn learn(&self, correction: &mut Vec<Vector3<f64>>, trial: &Tracking, period: f64) {
+        let on_path = trial.rows.iter().filter(|row| row.time >= 0.0);
+        for (k, row) in on_path.enumerate() {
+            if k == correction.len() {
+                correction.push(Vector3::zeros());
+            }
+            if let Some(seen) = row.seen {
+                correction[k] += (row.target - seen) * self.gain;
+            }
+        }
+        let kept = (-period / self.smoothing.max(f64::MIN_POSITIVE)).exp();
+        smooth(correction.iter_mut(), kept);
+        smooth(correction.iter_mut().rev(), kept);
+    }
+}
+
+/// A low-pass filter of first order, which starts at the first value.
+fn smooth<'a>(values: impl Iterator<Item = &'a mut Vector3<f64>>, kept: f64) {
+    let mut before: Option<Vector3<f64>> = None;
+    for value in values {
+        if let Some(before) = before {
+            *value = before * kept + *value * (1.0 - kept);
+        }
+        before = Some(*value);
+    }
+}

@@ -1,0 +1,116 @@
+//! Models among obstacles, and trials that learn.
+
+use tdcr_control::belief::Belief;
+use tdcr_control::controller::{Controller, Inverse, Predictive, ResolvedRate};
+use tdcr_control::learning::Learning;
+use tdcr_control::plant::{SimulatedPlant, Truth};
+use tdcr_control::tracking::{Tracking, TrackingSettings, track};
+use tdcr_sim::robot::Loads;
+use tdcr_sim::scene::{Obstacle, Scene};
+
+use super::{PERIOD, circle, first_command, hanging, settings};
+
+/// A ball beside the robot, that it leans on where its tip is at x > 0; rough, which the model has not.
+fn ball(x: f64) -> Scene {
+    let ball = Obstacle::sphere("ball", 0.02).unwrap();
+    let ball = ball.at([x, 0.0, 0.25]).with_friction(0.3).unwrap();
+    Scene::new(vec![ball]).unwrap()
+}
+
+fn led(truth: &Truth, controller: &mut dyn Controller, settings: &TrackingSettings) -> Tracking {
+    let robot = hanging();
+    let path = circle(4.0);
+    let start = first_command(&robot, &path);
+    let mut plant = SimulatedPlant::new(truth, PERIOD, &start, 0).unwrap();
+    track(
+        &mut plant,
+        &robot,
+        &start,
+        &path,
+        controller,
+        settings,
+        &mut |_| true,
+    )
+    .unwrap()
+}
+
+fn smooth(scene: &Scene) -> Scene {
+    let obstacles = scene.obstacles().iter().cloned();
+    let smooth = obstacles.map(|obstacle| obstacle.with_friction(0.0).unwrap());
+    Scene::new(smooth.collect()).unwrap()
+}
+
+#[test]
+fn a_model_among_obstacles_rests_and_changes_as_the_robot_does() {
+    let robot = hanging();
+    let command = first_command(&robot, &circle(4.0));
+    let mut belief = Belief::new(&robot, &Loads::default(), &[]).unwrap();
+    let free = belief.tip(command.as_slice()).unwrap();
+    let mut belief = belief.among(&ball(0.042)).unwrap();
+    let linear = belief.linearise(command.as_slice()).unwrap();
+    let (tip, jacobian) = linear.tip();
+    assert!((tip - free).norm() > 2e-3, "the ball is touched");
+    let mut around = |t: usize, step: f64| {
+        let mut moved = command.as_slice().to_vec();
+        moved[t] += step;
+        belief.tip(&moved).unwrap()
+    };
+    for t in 0..command.as_slice().len() {
+        let slope = (around(t, 1e-6) - around(t, -1e-6)) / 2e-6;
+        let off = (slope - jacobian.column(t)).norm();
+        assert!(off < 1e-4 * jacobian.norm(), "tendon {t}: {off}");
+    }
+}
+
+#[test]
+fn an_obstacle_in_the_model_is_one_that_errors_do_not_come_from() {
+    let robot = hanging();
+    let mut truth = Truth::ideal(&robot);
+    truth.scene = smooth(&ball(0.045));
+    let unknown = settings(&robot);
+    let known = TrackingSettings {
+        scene: ball(0.045),
+        ..settings(&robot)
+    };
+    let controllers: [fn() -> Box<dyn Controller>; 3] = [
+        || Box::<Inverse>::default(),
+        || Box::<ResolvedRate>::default(),
+        || Box::<Predictive>::default(),
+    ];
+    for make in controllers {
+        let error = |settings: &TrackingSettings| {
+            let run = led(&truth, &mut *make(), settings);
+            run.rms_error().unwrap()
+        };
+        let [with, without] = [&known, &unknown].map(error);
+        let name = make().name();
+        eprintln!("{name}: {with:.6} m with the obstacle in the model, {without:.6} m without");
+        assert!(
+            with < 1e-3 && without > 5.0 * with,
+            "{name}: {with} {without}"
+        );
+    }
+}
+
+#[test]
+fn errors_fall_from_trial_to_trial() {
+    let robot = hanging();
+    let mut truth = Truth::ideal(&robot);
+    for (t, servo) in truth.servos.iter_mut().enumerate() {
+        servo.gain = [0.99, 1.01][t % 2];
+        servo.backlash = 5e-5;
+    }
+    let mut settings = settings(&robot);
+    let mut errors = Vec::new();
+    for _ in 0..3 {
+        let run = led(&truth, &mut Inverse::default(), &settings);
+        errors.push(run.rms_error().unwrap());
+        Learning::default().learn(&mut settings.correction, &run, PERIOD);
+    }
+    eprintln!("{errors:?} m");
+    assert!(
+        errors[1] < 0.5 * errors[0] && errors[2] < 0.6 * errors[1],
+        "{errors:?}"
+    );
+    assert_eq!(settings.correction.len(), 81);
+}
