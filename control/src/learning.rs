@@ -4,7 +4,8 @@
 //! is corrected by the errors of the last trial, `c <- Q(c + gain (r - p))` at each period, `r` the path, `p` the tip as it was seen and `Q` a low-pass filter
 //! without a phase, as the trial is over (Bristow, Tharayil and Alleyne, A survey of iterative learning control, IEEE Control Systems Magazine 26,
 //! 2006). The controller's model turns the corrections into commands. Errors fall from trial to trial as long as the controller's own loop
-//! leaves less than the whole of an error of each frequency that `Q` passes.
+//! leaves less than the whole of an error of each frequency that `Q` passes, and as long as each trial begins alike: with friction, from the same
+//! state.
 
 use nalgebra::Vector3;
 
@@ -22,7 +23,7 @@ pub struct Learning {
 impl Default for Learning {
     fn default() -> Self {
         Self {
-            gain: 0.7,
+            gain: 0.5,
             smoothing: 0.1,
         }
     }

@@ -304,7 +304,8 @@ pub fn track_plant(
     try_again(plant, model.robot, start, path, options, settings, each)
 }
 
-/// Trials of a path, each from where the one before ended, with what was learnt in all of them.
+/// Trials of a path with what was learnt in all of them, each from where the first one began, or where the one before ended with a robot
+/// that cannot be brought back at once.
 fn try_again(
     plant: &mut dyn Plant,
     robot: &Robot,
@@ -331,7 +332,10 @@ fn try_again(
         if errors.len() >= options.trials || run.stopped.is_some() {
             return Ok((run, errors));
         }
-        if let Some(last) = run.last_given() {
+        if let (false, Some(last)) = (
+            plant.restart().map_err(TrackingError::from)?,
+            run.last_given(),
+        ) {
             start = robot.command(last).map_err(TrackingError::from)?;
         }
         learning.learn(&mut settings.correction, &run, plant.period());

@@ -33,6 +33,15 @@ pub trait Plant {
     /// [`PlantError`] where the robot cannot go on.
     fn command(&mut self, command: &Command) -> Result<(), PlantError>;
 
+    /// Brings the robot back to where it was before its first command, at rest, where that can be done at once. Whether it was done:
+    /// robots on the desk stay where they are.
+    ///
+    /// # Errors
+    /// [`PlantError`] where the robot cannot go on.
+    fn restart(&mut self) -> Result<bool, PlantError> {
+        Ok(false)
+    }
+
     /// Where the tip is in truth (m, world frame), where a plant knows it: errors are counted from there, and from what is
     /// measured elsewhere.
     fn true_tip(&self) -> Option<Vector3<f64>> {

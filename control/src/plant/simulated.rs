@@ -196,6 +196,9 @@ fn reach(unit: CommandUnit) -> f64 {
 pub struct SimulatedPlant {
     simulation: Box<dyn Simulation>,
     servos: Vec<Servo>,
+    /// The command that it rested under at first, and periods from a command to when the tendons get it.
+    start: Vec<f64>,
+    delay: usize,
     /// Length of each tendon in the straight pose (m).
     straight: Vec<f64>,
     /// Where each servo's play stands, as a pull (m or N).
@@ -240,6 +243,8 @@ impl SimulatedPlant {
         let mut plant = Self {
             simulation: simulation(truth, &robot, period)?,
             servos: truth.servos.clone(),
+            start: start.as_slice().to_vec(),
+            delay: truth.delay,
             played: pulls(&robot, &straight, start.as_slice()),
             straight,
             queue: vec![start.as_slice().to_vec(); truth.delay].into(),
@@ -376,6 +381,15 @@ impl Plant for SimulatedPlant {
         }
         self.periods += 1;
         Ok(())
+    }
+
+    fn restart(&mut self) -> Result<bool, PlantError> {
+        let start = self.start.clone();
+        self.queue = vec![start.clone(); self.delay].into();
+        self.played = pulls(self.simulation.robot(), &self.straight, &start);
+        let first = self.pulled(&start).map_err(SimulationError::from)?;
+        self.simulation.reset(&first, &self.loads)?;
+        Ok(true)
     }
 
     fn true_tip(&self) -> Option<Vector3<f64>> {
