@@ -34,7 +34,7 @@ def curve() -> np.ndarray:
     def points(lobes: float) -> np.ndarray:
         angle = np.linspace(0.0, 2.0 * np.pi, 4001)
         out = ((1.0 + lobes * np.cos(3.0 * angle)) * np.array([np.cos(angle), np.sin(angle)])).T
-        return (out - (out.max(0) + out.min(0)) / 2.0) * SIZE / np.ptp(out, axis=0)
+        return np.asarray((out - (out.max(0) + out.min(0)) / 2.0) * SIZE / np.ptp(out, axis=0))
 
     def along(points: np.ndarray) -> np.ndarray:
         return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])

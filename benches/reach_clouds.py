@@ -39,7 +39,7 @@ def main() -> None:
         last.append(1e3 * found.distances[-1])
         there = predictor.reach(cloud, start=condition, steps=0, points=args.points)
         own.append(1e3 * there.distances[-1])
-        again = predictor.clouds([condition], len(cloud), seed=1)[0]
+        again = predictor.clouds([condition], len(cloud), seed=1).points[0]
         floor.append(1e3 * predictor.reach(again, start=condition, steps=0, points=args.points).distances[-1])
         if predictor.robot is not None:
             tendons = predictor.robot.tendons

@@ -62,7 +62,10 @@ fn a_post_that_the_robot_leans_on_does_no_harm_where_the_model_has_it() {
     let lying = "cylinder = { radius = 0.005, length = 0.1 }\nposition = [0.025, 0.0, 0.25]\n\
                  orientation = [0.7071067811865476, 0.7071067811865476, 0.0, 0.0]\n";
     fs::write(&post, format!("[[obstacle]]\nname = \"post\"\n{lying}")).unwrap();
-    let error = |option: &str| number(&tracked(&[option, text(&post)]), "rms_error");
+    let error = |option: &str| {
+        let options = ["--controller", "mpc", option, text(&post)];
+        number(&tracked(&options), "rms_error")
+    };
     let (known, unknown) = (error("--scene"), error("--truth-scene"));
     assert!(known < 1e-4 && unknown > 10.0 * known, "{known} {unknown}");
 }
