@@ -2,15 +2,15 @@
 //!
 //! Predictions for commands near one another start from the same noise and are alike point by point
 //! ([`Model::predict_alike`]), so that differences of them are derivatives of the predicted points `p_i` by the command: `J_i`. Each step
-//! matches points with the nearest ones of the other cloud, both ways, as iterated closest points do (Besl and McKay, IEEE Trans.
-//! Pattern Anal. Mach. Intell. 14, 1992), and takes the damped least-squares change of the command that brings matched points
-//! together, `min Σ |J_i d - (w_j - p_i)|² + damping |d|²` within the commands of the training data and a trust region, or two or four times
-//! as much where that is better.
+//! matches points of both clouds in two ways: with the nearest ones of the other cloud, as iterated closest points do (Besl and McKay, IEEE Trans.
+//! Pattern Anal. Mach. Intell. 14, 1992), and one to one by optimal transport, which matches far clouds part by part where the nearest point is one of
+//! another part. For each it takes the damped least-squares change of the command that brings matched points together, `min Σ |J_i d - (w_j - p_i)|² +
+//! damping |d|²` within the commands of the training data and a trust region, for nearest points also two and four times as much, and goes the best of these ways.
 
 use nalgebra::{DMatrix, DVector, Matrix3xX, Vector3};
 use tdcr_control::quadratic::QuadraticProgram;
 use tdcr_learn::flow::Sampler;
-use tdcr_learn::metrics::{MetricError, nearest_distances, nearest_indices};
+use tdcr_learn::metrics::{MetricError, emd_squared, nearest_distances, nearest_indices};
 use tdcr_learn::predict::PredictError;
 use tdcr_learn::train::Model;
 use thiserror::Error;
@@ -20,8 +20,12 @@ const DIFFERENCE: f64 = 0.01;
 const FIRST_TRUST: f64 = 0.3;
 /// Trust region below which a search has come to its end.
 const SMALLEST_TRUST: f64 = 1e-4;
-/// Multiples of a change that are tried.
-const LENGTHS: [f64; 3] = [1.0, 2.0, 4.0];
+/// Multiples of a change that are tried: matched points that are nearest are nearer than those that belong together, so that its changes
+/// are too small.
+const NEAREST_LENGTHS: [f64; 3] = [1.0, 2.0, 4.0];
+const TRANSPORT_LENGTHS: [f64; 1] = [1.0];
+/// Most points that are matched one to one.
+const TRANSPORTED: usize = 512;
 /// Damping of changes, in units of the clouds' mean square extent per range.
 const DAMPING: f64 = 1e-4;
 
@@ -122,7 +126,7 @@ pub fn reach_cloud(
         if now <= search.tolerance || trust < SMALLEST_TRUST || !go_on() {
             break;
         }
-        let (to, there, distance) = descent.best(&at, &descent.step(&at, trust)?)?;
+        let (to, there, distance) = descent.best(&at, &descent.changes(&at, trust)?)?;
         match distance < now {
             true => {
                 (at, cloud) = (to, there);
@@ -167,6 +171,14 @@ fn motors(model: &Model) -> usize {
 /// A condition, its cloud (m), and how far that is from the wanted one in the mean (m).
 type Trial = (Vec<f64>, Vec<[f32; 3]>, f64);
 
+/// A predicted point, the wanted one that it is matched with, and what that counts.
+#[derive(Clone, Copy)]
+struct Pair {
+    i: usize,
+    j: usize,
+    weight: f64,
+}
+
 struct Descent<'a> {
     model: &'a Model,
     sampler: Sampler,
@@ -199,14 +211,10 @@ impl Descent<'_> {
         Ok(predicted.into_iter().map(|cloud| cloud.points).collect())
     }
 
-    /// The best of the condition that a change leads to and of those that its multiples do: matched points are nearer than those that belong
-    /// together, so that changes are too small. With its cloud (m) and how far that is from the wanted one in the mean (m).
-    fn best(&self, at: &[f64], change: &[f64]) -> Result<Trial, CloudReachError> {
-        let to = |times: f64| -> Vec<f64> {
-            let moved = at
-                .iter()
-                .zip(change)
-                .map(|(at, change)| at + times * change);
+    /// The best of the conditions that changes lead to. With its cloud (m) and how far that is from the wanted one in the mean (m).
+    fn best(&self, at: &[f64], changes: &[Vec<f64>]) -> Result<Trial, CloudReachError> {
+        let to = |change: &Vec<f64>| -> Vec<f64> {
+            let moved = at.iter().zip(change).map(|(at, change)| at + change);
             let clamped = moved.enumerate().map(|(k, value)| match k < self.motors {
                 true => {
                     let [low, high, _] = self.range(k);
@@ -216,7 +224,7 @@ impl Descent<'_> {
             });
             clamped.collect()
         };
-        let tried = LENGTHS.map(to);
+        let tried: Vec<Vec<f64>> = changes.iter().map(to).collect();
         let mut best: Option<Trial> = None;
         for (condition, cloud) in tried.iter().zip(self.predict(&tried)?) {
             let distance = mean_distance(&cloud, self.wanted)?;
@@ -227,8 +235,9 @@ impl Descent<'_> {
         best.ok_or(CloudReachError::Points(0))
     }
 
-    /// The change of the condition of a step, no motor's larger than the share `trust` of its range.
-    fn step(&self, at: &[f64], trust: f64) -> Result<Vec<f64>, CloudReachError> {
+    /// The changes of the condition that are tried in a step. Before they are lengthened, no motor's is larger than the share `trust` of its
+    /// range.
+    fn changes(&self, at: &[f64], trust: f64) -> Result<Vec<Vec<f64>>, CloudReachError> {
         // A motor that never moved in the data says nothing.
         let moved: Vec<usize> = (0..self.motors)
             .filter(|&k| self.range(k)[2] > 0.0)
@@ -255,7 +264,31 @@ impl Descent<'_> {
                 })
             })
             .collect();
-        let (mut hessian, gradient) = self.normal_equations(here, &slopes)?;
+        let mut changes = Vec::new();
+        for (pairs, lengths) in [
+            (self.nearest(here)?, &NEAREST_LENGTHS[..]),
+            (self.transported(here)?, &TRANSPORT_LENGTHS[..]),
+        ] {
+            let change = self.change(
+                at,
+                trust,
+                &moved,
+                self.normal_equations(here, &slopes, &pairs),
+            );
+            let times = |times: &f64| change.iter().map(|change| times * change).collect();
+            changes.extend(lengths.iter().map(times));
+        }
+        Ok(changes)
+    }
+
+    /// The minimiser of damped normal equations, of the motors `moved` in parts of their ranges, as a change of the condition.
+    fn change(
+        &self,
+        at: &[f64],
+        trust: f64,
+        moved: &[usize],
+        (mut hessian, gradient): (DMatrix<f64>, DVector<f64>),
+    ) -> Vec<f64> {
         let scale = hessian.trace() / moved.len() as f64;
         for k in 0..moved.len() {
             hessian[(k, k)] += DAMPING * scale + f64::MIN_POSITIVE;
@@ -281,31 +314,56 @@ impl Descent<'_> {
                 change[k] = solved.x[place] * self.range(k)[2];
             }
         }
-        Ok(change)
+        change
     }
 
-    /// Of the matched points: mean of `J'J`, and of `-J'(w - p)`, of both ways together.
+    /// Each point with the nearest of the other cloud, both ways, each way's weights together 1.
+    fn nearest(&self, here: &[[f32; 3]]) -> Result<Vec<Pair>, MetricError> {
+        let pair = |i, j, count: usize| Pair {
+            i,
+            j,
+            weight: 1.0 / count as f64,
+        };
+        let there = nearest_indices(here, self.wanted)?.into_iter().enumerate();
+        let back = nearest_indices(self.wanted, here)?.into_iter().enumerate();
+        let there = there.map(|(i, j)| pair(i, j, here.len()));
+        let back = back.map(|(j, i)| pair(i, j, self.wanted.len()));
+        Ok(there.chain(back).collect())
+    }
+
+    /// As many points of both clouds, spread evenly over their orders, one to one such that their mean squared distance is the least.
+    fn transported(&self, here: &[[f32; 3]]) -> Result<Vec<Pair>, MetricError> {
+        let count = TRANSPORTED.min(here.len()).min(self.wanted.len());
+        let place = |k: usize, all: usize| k * all / count;
+        let some = |cloud: &[[f32; 3]]| -> Vec<[f32; 3]> {
+            (0..count).map(|k| cloud[place(k, cloud.len())]).collect()
+        };
+        let matched = emd_squared(&some(here), &some(self.wanted))?.matching;
+        let pair = |(k, partner): (usize, usize)| Pair {
+            i: place(k, here.len()),
+            j: place(partner, self.wanted.len()),
+            weight: 2.0 / count as f64,
+        };
+        Ok(matched.into_iter().enumerate().map(pair).collect())
+    }
+
+    /// Of matched points: sums of `J'J`, and of `-J'(w - p)`.
     fn normal_equations(
         &self,
         here: &[[f32; 3]],
         slopes: &[Matrix3xX<f64>],
-    ) -> Result<(DMatrix<f64>, DVector<f64>), MetricError> {
+        pairs: &[Pair],
+    ) -> (DMatrix<f64>, DVector<f64>) {
         let n = slopes.first().map_or(0, Matrix3xX::ncols);
         let (mut hessian, mut gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
-        let mut add = |i: usize, j: usize, weight: f64| {
+        for &Pair { i, j, weight } in pairs {
             let off = Vector3::from_fn(|axis, _| {
                 f64::from(self.wanted[j][axis]) - f64::from(here[i][axis])
             });
             let slope = &slopes[i];
             hessian += slope.tr_mul(slope) * weight;
             gradient -= slope.tr_mul(&off) * weight;
-        };
-        let weight = 1.0 / here.len() as f64;
-        let nearest = nearest_indices(here, self.wanted)?;
-        (nearest.into_iter().enumerate()).for_each(|(i, j)| add(i, j, weight));
-        let weight = 1.0 / self.wanted.len() as f64;
-        let nearest = nearest_indices(self.wanted, here)?;
-        (nearest.into_iter().enumerate()).for_each(|(j, i)| add(i, j, weight));
-        Ok((hessian, gradient))
+        }
+        (hessian, gradient)
     }
 }
