@@ -2,8 +2,6 @@
 
 PYTHON := .venv/bin/python
 TDCR := $(CURDIR)/target/release/tdcr
-# How everything that is only checked is built: sooner than a release, and run at nearly its speed.
-CHECKS := --profile checks --locked
 
 # All but the crate that calls MuJoCo's C library: `make test-mujoco` alone needs MuJoCo and libclang.
 WORKSPACE := --workspace --exclude tdcr-mujoco
@@ -37,10 +35,10 @@ format:
 	cargo fmt --all --check
 
 lint:
-	cargo clippy $(WORKSPACE) --all-targets $(CHECKS) -- -D warnings
+	cargo clippy $(WORKSPACE) --all-targets --release --locked -- -D warnings
 
 docs:
-	RUSTDOCFLAGS="-D warnings" cargo doc $(WITH_EXAMPLES) --lib --no-deps $(CHECKS)
+	RUSTDOCFLAGS="-D warnings" cargo doc $(WITH_EXAMPLES) --lib --no-deps --release --locked
 
 # That NOTICES names what Cargo.lock has, that deny.toml allows it, and that the wheel and the tests share one build of it.
 supply-chain:
@@ -63,12 +61,11 @@ lint-python:
 lint-page:
 	scripts/lint_page.sh
 
-# The Python package as a wheel for this machine, in target/wheels, and in the Python environment: at full speed, as `pip install .`
-# builds it, or with PROFILE=checks as the tests do, with which it shares the build of the dependencies.
-PROFILE := release
+# The Python package as a wheel for this machine, in target/wheels, and in the Python environment. `pip install .` builds the
+# same; here it shares the build of the dependencies with the tests.
 wheel:
 	rm -rf target/wheels
-	$(PYTHON) -m maturin build --profile $(PROFILE) --locked --interpreter $(PYTHON) --out target/wheels
+	$(PYTHON) -m maturin build --release --locked --interpreter $(PYTHON) --out target/wheels
 	$(PYTHON) -m pip install -q --disable-pip-version-check --no-deps --force-reinstall target/wheels/*.whl
 
 # What a release consists of, in dist/, from a clean checkout: wheel, source distribution, the command as a tarball, crates, bill
@@ -109,27 +106,27 @@ REALSENSE = REALSENSE_LIBRARY="$${REALSENSE_LIBRARY-$$($(PYTHON) scripts/realsen
 
 # Tests within the libraries, and those from outside that take seconds.
 test-fast:
-	$(REALSENSE) cargo test $(WORKSPACE) $(CHECKS) --lib --test house --test robot
-	cargo test $(WORKSPACE) $(CHECKS) --test statics equilibria
+	$(REALSENSE) cargo test $(WORKSPACE) --release --locked --lib --test house --test robot
+	cargo test $(WORKSPACE) --release --locked --test statics equilibria
 
+# In release mode: the tests settle tens of thousands of robots and train small networks.
 test-rust:
-	$(REALSENSE) scripts/run_tests.py $(WORKSPACE) $(CHECKS)
+	$(REALSENSE) scripts/run_tests.py $(WORKSPACE) --release --locked
 
 # With the MuJoCo of MUJOCO_DIR, or else Debian's; then with the newer one of the Python environment.
 # With all packages chosen, the dependencies have the features that they were built with above.
-WITH_MUJOCO := --workspace $(CHECKS)
+WITH_MUJOCO := --workspace --release --locked
 TEST_MUJOCO := cargo test $(WITH_MUJOCO) --test robots --test closed_forms
 test-mujoco:
 	cargo clippy $(WITH_MUJOCO) --features tdcr/joystick --lib --bin tdcr --test robots --test closed_forms -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc -p tdcr-mujoco --no-deps $(CHECKS)
+	RUSTDOCFLAGS="-D warnings" cargo doc -p tdcr-mujoco --no-deps --release --locked
 	$(TEST_MUJOCO)
 	MUJOCO_DIR="$$($(PYTHON) -c 'import mujoco; print(mujoco.__path__[0])')" $(TEST_MUJOCO)
 
 # Two processes of one thread each: PyTorch is slow where its threads share busy cores.
-test-python: PROFILE = checks
 test-python: wheel site
-	cargo build $(WITH_EXAMPLES) --bins $(CHECKS)
-	TDCR=$(CURDIR)/target/checks/tdcr OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile --no-loadscope-reorder tests/python
+	cargo build $(WITH_EXAMPLES) --bins --release --locked
+	TDCR=$(TDCR) OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile --no-loadscope-reorder tests/python
 
 # Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's; a flow from a
 # simulated surface, the real robot of examples/opencr, and what a network adds to it.

@@ -3,8 +3,9 @@
 
     scripts/run_tests.py CARGO_OPTIONS...
 
-`cargo test` runs one program after the other, and each ends with a processor idle while its longest test runs; those of rigs
-wait for servos most of their time. What each prints is shown when it has ended. Documentation's tests follow, by Cargo.
+`cargo test` begins when all is built, and runs one program after the other: a processor is idle while the largest crate is
+compiled last, and while a program's longest test runs. Here one program runs while others are compiled, and then two. What each
+prints is shown when it has ended. Documentation's tests follow, by Cargo.
 """
 
 import json
@@ -13,53 +14,70 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from queue import PriorityQueue
 
 #: Longest first, so that none is left for the end. The others follow by size.
 LONGEST = ["cli", "inverse", "statics"]
 
 
-def programs(options):
-    """Programs of tests with the folders of their packages, built by Cargo."""
-    command = ["cargo", "test", "--no-run", *options]
-    build = subprocess.run([*command, "--message-format=json-render-diagnostics"], stdout=subprocess.PIPE, check=False)
-    if build.returncode:
-        sys.exit(build.returncode)
-    found = []
-    for line in build.stdout.splitlines():
-        message = json.loads(line)
-        if message["reason"] == "compiler-artifact" and message["profile"]["test"] and message["executable"]:
-            found.append((message["target"]["name"], Path(message["executable"]), Path(message["manifest_path"]).parent))
+class Tests:
+    """Programs of tests that are built, those that are to run next first."""
 
-    def place(program):
-        name, executable, _ = program
-        return LONGEST.index(name) if name in LONGEST else len(LONGEST), -executable.stat().st_size
+    def __init__(self):
+        self.built = PriorityQueue()
+        self.failed = []
+        self.printing = threading.Lock()
 
-    return sorted(found, key=place)
+    def add(self, artifact):
+        """Takes a message of Cargo's, if it is of a program of tests."""
+        if artifact["reason"] == "compiler-artifact" and artifact["profile"]["test"] and artifact["executable"]:
+            name, executable = artifact["target"]["name"], artifact["executable"]
+            rank = LONGEST.index(name) if name in LONGEST else len(LONGEST)
+            size = Path(executable).stat().st_size
+            self.built.put((rank, -size, name, executable, Path(artifact["manifest_path"]).parent))
+
+    def end(self, workers):
+        """Says that there are no more."""
+        for _ in range(workers):
+            self.built.put((len(LONGEST) + 1, 0, "", "", Path()))
+
+    def run(self):
+        """Runs programs until there are no more."""
+        while True:
+            *_, name, executable, package = self.built.get()
+            if not executable:
+                return
+            began = time.monotonic()
+            environment = os.environ | {"CARGO_MANIFEST_DIR": str(package)}
+            done = subprocess.run(
+                [executable], cwd=package, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
+            )
+            with self.printing:
+                print(f"     Running {name} of {package.name} ({executable}): {time.monotonic() - began:.1f} s", flush=True)
+                sys.stdout.buffer.write(done.stdout)
+                sys.stdout.flush()
+            if done.returncode:
+                self.failed.append(f"{name} of {package.name} (exit status {done.returncode})")
 
 
 def main():
     options = sys.argv[1:]
-    printing = threading.Lock()
-
-    def run(program):
-        name, executable, package = program
-        began = time.monotonic()
-        environment = os.environ | {"CARGO_MANIFEST_DIR": str(package)}
-        done = subprocess.run(
-            [executable], cwd=package, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
-        )
-        with printing:
-            print(f"     Running {name} of {package.name} ({executable}): {time.monotonic() - began:.1f} s", flush=True)
-            sys.stdout.buffer.write(done.stdout)
-            sys.stdout.flush()
-        return None if done.returncode == 0 else f"{name} of {package.name} (exit status {done.returncode})"
-
-    with ThreadPoolExecutor(2) as pool:
-        failed = [name for name in pool.map(run, programs(options)) if name]
-    if failed:
-        sys.exit(f"tests failed: {', '.join(failed)}")
+    tests = Tests()
+    workers = [threading.Thread(target=tests.run) for _ in range(2)]
+    workers[0].start()
+    command = ["cargo", "test", "--no-run", *options, "--message-format=json-render-diagnostics"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as build:
+        for line in build.stdout:
+            tests.add(json.loads(line))
+    workers[1].start()
+    tests.end(len(workers))
+    for worker in workers:
+        worker.join()
+    if build.returncode:
+        sys.exit(build.returncode)
+    if tests.failed:
+        sys.exit(f"tests failed: {', '.join(tests.failed)}")
     sys.exit(subprocess.run(["cargo", "test", "--doc", *options], check=False).returncode)
 
 
