@@ -37,10 +37,11 @@ class Tests:
             size = Path(executable).stat().st_size
             self.built.put((rank, -size, name, executable, Path(artifact["manifest_path"]).parent))
 
-    def end(self, workers):
-        """Says that there are no more."""
+    def end(self, workers, at_once):
+        """Says that there are no more, or that those that are left are not to be run."""
+        rank = -1 if at_once else len(LONGEST) + 1
         for _ in range(workers):
-            self.built.put((len(LONGEST) + 1, 0, "", "", Path()))
+            self.built.put((rank, 0, "", "", Path()))
 
     def run(self):
         """Runs programs until there are no more."""
@@ -64,14 +65,14 @@ class Tests:
 def main():
     options = sys.argv[1:]
     tests = Tests()
-    workers = [threading.Thread(target=tests.run) for _ in range(2)]
+    workers = [threading.Thread(target=tests.run, daemon=True) for _ in range(2)]
     workers[0].start()
     command = ["cargo", "test", "--no-run", *options, "--message-format=json-render-diagnostics"]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as build:
         for line in build.stdout:
             tests.add(json.loads(line))
     workers[1].start()
-    tests.end(len(workers))
+    tests.end(len(workers), at_once=build.returncode != 0)
     for worker in workers:
         worker.join()
     if build.returncode:

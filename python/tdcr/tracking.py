@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,7 +115,8 @@ def track(
         rate: Largest change of a command in a second (m/s or N/s); half of each tendon's range unless given.
         tension: Smallest and largest tension that commands may lead to, shape (2,) (N).
         truth: The simulated robot; ``robot`` unless given.
-        scene: Obstacles around the robot, in the controller's model and in truth.
+        scene: Obstacles around the robot, in the controller's model and in truth. The model of ``moving-mpc`` has none, of which
+            it warns.
         truth_scene: Obstacles around the simulated robot in place of ``scene``, which the model has.
         payload: Mass hung from its tip that the controller does not know of (kg).
         friction: Coefficient of friction of its tendons in their holes.
@@ -150,6 +152,8 @@ def track(
         as_count(trials, "trials", 1, 1000),
     )
     known = (nothing() if scene is None else as_scene(scene))._native
+    if scene is not None and controller == "moving-mpc":
+        warnings.warn("the model of moving-mpc has no obstacles: those of scene are around the robot alone", stacklevel=2)
     differs = {
         "payload": payload,
         "friction": friction,

@@ -10,9 +10,11 @@ use tdcr::hw::rig::{LOG_LEAVES, Pace, Rig};
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Robot, RobotSpec};
+use tdcr::sim::scene::Scene;
 use tdcr::track::{
-    Model, TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions, closed_path, curve_named,
-    headline, page, path_of_rows, table, track_rig, track_simulated, write_log,
+    ControllerName, Model, TrackError, TrackOptions, TrackSummary, Tracked, TruthOptions,
+    closed_path, curve_named, headline, page, path_of_rows, table, track_rig, track_simulated,
+    write_log,
 };
 
 use super::console::{Console, Interrupted};
@@ -139,7 +141,7 @@ fn simulated(args: &TrackArgs, console: &Console) -> anyhow::Result<(Robot, Trac
             robot.tendons().len()
         );
     }
-    let scene = args.scene.load()?;
+    let scene = model_scene(args)?;
     let around = match &args.truth_scene {
         Some(file) => super::scene::load(file)?,
         None => scene.clone(),
@@ -155,10 +157,21 @@ fn simulated(args: &TrackArgs, console: &Console) -> anyhow::Result<(Robot, Trac
     Ok((robot, tracked))
 }
 
+/// The obstacles of the controller's model.
+fn model_scene(args: &TrackArgs) -> anyhow::Result<Scene> {
+    let scene = args.scene.load()?;
+    if args.options.controller == ControllerName::MovingMpc && !scene.is_empty() {
+        tracing::warn!(
+            "the model of moving-mpc has no obstacles: those of --scene are around the robot alone"
+        );
+    }
+    Ok(scene)
+}
+
 fn on_rig(args: &TrackArgs, rig: &Path, console: &Console) -> anyhow::Result<(Robot, Tracked)> {
     let file = super::load_rig(rig)?;
     let robot = file.compile()?;
-    let path = args.path(&robot)?;
+    let (path, scene) = (args.path(&robot)?, model_scene(args)?);
     let mut rig = Rig::open_file(file, Pace::Computed)?;
     args.faults.schedule(&rig)?;
     if let (Some(out), false) = (&args.out, args.no_log) {
@@ -169,7 +182,7 @@ fn on_rig(args: &TrackArgs, rig: &Path, console: &Console) -> anyhow::Result<(Ro
     let goes_on = || !console.interrupted();
     let tracked = track_rig(
         &mut rig,
-        &args.scene.load()?,
+        &scene,
         &path,
         payload,
         &args.options,

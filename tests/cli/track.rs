@@ -68,6 +68,22 @@ fn a_post_that_the_robot_leans_on_does_no_harm_where_the_model_has_it() {
     };
     let (known, unknown) = (error("--scene"), error("--truth-scene"));
     assert!(known < 1e-4 && unknown > 10.0 * known, "{known} {unknown}");
+    let robot = ["--robot", "examples/hanging-2m.toml", "--path", "circle"];
+    let short = [
+        "--duration",
+        "0.2",
+        "--approach",
+        "0.2",
+        "--timestep",
+        "0.01",
+    ];
+    let blind = ["--controller", "moving-mpc", "--scene", text(&post)];
+    let output = crate::tdcr(&[&["track"], &robot[..], &short, &blind].concat()).output();
+    let said = crate::stderr(&output.unwrap());
+    assert!(
+        said.contains("model of moving-mpc has no obstacles"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -101,6 +101,9 @@ def test_a_model_may_have_obstacles_and_trials_may_learn() -> None:
     assert plain == known["rms_error"]
     trials = tdcr.track(HANGING, "circle", duration=4.0, gain_error=0.1, backlash=1e-4, trials=2).summary["trials"]
     assert len(trials) == 2 and trials[1] < 0.8 * trials[0]
+    with pytest.warns(UserWarning, match="the model of moving-mpc has no obstacles"):
+        short = {"duration": 0.2, "approach": 0.2, "timestep": 0.01}
+        tdcr.track(HANGING, "circle", controller="moving-mpc", scene=scene, **short)
     with pytest.raises(InputError, match="trials is 0; expected 1 to 1000"):
         tdcr.track(HANGING, "circle", trials=0)
     with pytest.raises(InputError, match="truth_scene: these are of simulated robots"):
