@@ -29,12 +29,7 @@ pub(super) struct ExportArgs {
     #[arg(long)]
     base: bool,
     /// Mass that hangs from the tip disc (kg; mjcf)
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        allow_hyphen_values = true,
-        value_name = "KG"
-    )]
+    #[arg(long, default_value_t = 0.0, value_name = "KG")]
     payload: f64,
     /// Time step (s; mjcf), which must be stable [default: the longest of 0.002, 0.001, 0.0005, 0.0002, .. that is]
     #[arg(long, value_name = "S", value_parser = super::positive)]

@@ -8,12 +8,7 @@ use tdcr::sim::robot::{Frame, Loads, Robot, Wrench};
 #[derive(Debug, Args)]
 pub(super) struct LoadArgs {
     /// Mass hung from the tip disc (kg)
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        allow_hyphen_values = true,
-        value_name = "KG"
-    )]
+    #[arg(long, default_value_t = 0.0, value_name = "KG")]
     pub payload: f64,
     /// Force (N) and moment (N m) on a disc, a number from 0 at the base or `tip`: in the world's frame, or with @disc in
     /// the disc's, turning with it. The force acts on the disc's origin, or on the point @X,Y,Z of its frame (m). May be given several

@@ -51,13 +51,13 @@ pub(super) struct PlanArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// Least distance of the discs from obstacles (m), between the steps, too
-    #[arg(long, default_value_t = PlanSettings::default().clearance, allow_hyphen_values = true, value_name = "M")]
+    #[arg(long, default_value_t = PlanSettings::default().clearance, value_name = "M")]
     clearance: f64,
     /// Least tension of a tendon (N) [default: none]
-    #[arg(long, allow_hyphen_values = true, value_name = "N")]
+    #[arg(long, value_name = "N")]
     min_tension: Option<f64>,
     /// Largest tension of a tendon (N) [default: none]
-    #[arg(long, allow_hyphen_values = true, value_name = "N")]
+    #[arg(long, value_name = "N")]
     max_tension: Option<f64>,
     /// Move the base along its axis, too: least and largest insertion from where it is (m). The plan starts at 0
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "LOW,HIGH")]
@@ -66,7 +66,6 @@ pub(super) struct PlanArgs {
     #[arg(
         long,
         default_value_t = 0.0,
-        allow_hyphen_values = true,
         requires = "insertion",
         conflicts_with = "tip",
         value_name = "M"

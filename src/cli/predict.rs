@@ -36,7 +36,7 @@ pub(super) struct PredictArgs {
     )]
     command: Option<Box<[f64]>>,
     /// Mass hung from the tip (kg), for a model of data with payloads
-    #[arg(long, allow_hyphen_values = true, value_name = "KG")]
+    #[arg(long, value_name = "KG")]
     payload: Option<f64>,
     /// Predict for every command in this file: CSV, one per line, optionally with a header, or JSON, a list of lists. For a
     /// model of data with payloads, the payload (kg) is the column `payload`, or without a header the last number

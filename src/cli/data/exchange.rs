@@ -29,7 +29,7 @@ pub(in crate::cli) struct ImportArgs {
     #[arg(long, default_value_t = ImportSettings::default().points, value_name = "N", value_parser = super::super::amount)]
     points: usize,
     /// Edge of the voxels that thin the clouds (m); by default they are not thinned
-    #[arg(long, value_name = "M", value_parser = super::super::positive, allow_hyphen_values = true)]
+    #[arg(long, value_name = "M", value_parser = super::super::positive)]
     voxel: Option<f64>,
     /// Which cloud is in which split: a CSV file of lines NAME,SPLIT, a cloud's file and train, val or test [default: 80, 10
     /// and 10 % by chance]
