@@ -18,6 +18,9 @@ use crate::geometry::{Instance, Kind, Solid};
 
 /// Share of the colour that does not depend on the angle to the head light.
 const AMBIENT: f64 = 0.35;
+/// A solid hides another one where it is nearer by this factor of its depth. Where two faces lie in one plane, as a floor on a
+/// table, rounding would choose between them pixel by pixel; so the one whose frame is nearer to the camera is seen.
+const NEARER: f64 = 1.0 - 1e-9;
 /// Full light in fixed point.
 const FULL_LIGHT: u32 = 1 << 16;
 
@@ -269,7 +272,7 @@ impl<'a> Seen<'a> {
                 for k in part {
                     let direction = self.axes * Vector3::new(row.x[k], row.y[k], 1.0);
                     if let Some([depth, facing]) = shape.cast(&self.origin, &direction)
-                        && depth < row.depth[k]
+                        && depth < NEARER * row.depth[k]
                     {
                         (row.depth[k], row.facing[k], row.solid[k]) = (depth, facing, number);
                     }
@@ -324,7 +327,7 @@ impl<T: Cast> WithSimd for CastRow<'_, T> {
                 x * axes[(2, 0)] + y * axes[(2, 1)] + axes[(2, 2)],
             ];
             let found = self.shape.cast(simd, &self.seen.origin, direction);
-            let nearer = found.depth.less(Lanes::new(simd, *depth));
+            let nearer = found.depth.less(Lanes::new(simd, *depth) * NEARER);
             *depth = nearer.select(found.depth, Lanes::new(simd, *depth)).numbers;
             *facing = nearer
                 .select(found.facing, Lanes::new(simd, *facing))

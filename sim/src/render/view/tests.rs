@@ -70,3 +70,25 @@ fn bounds_hold_every_pixel_that_a_solid_covers() {
         assert_eq!(frame.depth, whole.depth, "round {round}");
     }
 }
+
+/// Of a floor on a table one is seen, and not now this and now that.
+#[test]
+fn of_two_faces_in_one_plane_one_is_seen() {
+    let mut visuals = Visuals::default();
+    for thickness in [0.05, 0.01] {
+        let shape = Shape::cuboid([2.0, 2.0, thickness]).expect("sizes above 0");
+        let pose = Isometry3::from(Translation3::new(0.0, 0.0, -thickness));
+        visuals.add_obstacle(shape, pose, [200, 100, 50]);
+    }
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+    for _ in 0..10 {
+        let turn = UnitQuaternion::from_euler_angles(2.8, 0.1, 6.0 * rng.random::<f64>());
+        let camera = Camera {
+            intrinsics: Intrinsics::from_fovy(96, 72, 0.7),
+            pose: Isometry3::from_parts(Translation3::new(0.1, -0.2, 0.37), turn),
+        };
+        let seen = visuals.render(&camera).mask;
+        assert_ne!(seen[0], Instance::Background);
+        assert!(seen.iter().all(|instance| *instance == seen[0]));
+    }
+}
