@@ -80,8 +80,10 @@ impl Viewer {
                 .collect::<Outcome<Vec<_>>>()
         });
         loads.0.check(&robot)?;
+        let around = scene.map(|scene| scene.0.clone());
+        let around = around.or_else(|| rig.as_ref()?.scene.clone());
         let exhibit = Exhibit {
-            scene: scene.map(|scene| scene.0.clone()).unwrap_or_default(),
+            scene: around.unwrap_or_default(),
             loads: loads.0.clone(),
             start: command.transpose()?,
             recorded: recorded.transpose()?.unwrap_or_default(),

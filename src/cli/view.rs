@@ -98,8 +98,10 @@ pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
         Some(file) => read_commands(file, |row| Ok(robot.command(&row.command)?))?,
         None => Vec::new(),
     };
+    let around = args.scene.given()?;
+    let around = around.or_else(|| rig.as_ref()?.scene.clone());
     let exhibit = Exhibit {
-        scene: args.scene.load()?,
+        scene: around.unwrap_or_default(),
         loads: args.loads.on(&robot)?,
         start: start.map(|start| start.as_slice().to_vec()),
         recorded: recorded

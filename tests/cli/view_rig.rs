@@ -1,5 +1,6 @@
 //! `tdcr view --rig`: who moves the rig, and that its motors are off however that ends.
 
+use std::fs;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -225,4 +226,23 @@ fn signals_release_a_rig_that_a_page_holds() {
             Ok(())
         });
     }
+}
+
+#[test]
+fn the_obstacles_of_a_rigs_file_are_around_its_robot() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    fs::write(
+        folder.path().join("post.toml"),
+        "[[obstacle]]\nname = \"post\"\nposition = [0.3, 0.0, 0.2]\ncylinder = { radius = 0.01, length = 0.4 }\n",
+    )
+    .unwrap();
+    let plain = fs::read_to_string(&rig).unwrap();
+    let (head, tables) = plain.split_once("[simulation]").unwrap();
+    let around = "[scene]\nfile = \"post.toml\"\n\n[simulation]";
+    fs::write(&rig, format!("{head}{around}{tables}")).unwrap();
+    let server = Server::start(&["--rig", text(&rig)]);
+    let shown = server.open().words()["obstacles"].clone();
+    assert_eq!(shown[0]["name"], "post", "{shown}");
+    assert_eq!(shown.as_array().unwrap().len(), 1);
 }
