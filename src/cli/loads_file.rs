@@ -57,38 +57,18 @@ impl LoadsFile {
         let columns = columns(&header, robot.discs().len(), &mut discs)
             .with_context(|| format!("{name} line {number}"))?;
         let has_time = columns.iter().any(|column| matches!(column, Column::Time));
-        let (mut rows, mut times) = (Vec::new(), Vec::new());
+        let (mut rows, mut times) = (Vec::new(), Vec::<f64>::new());
         for (number, cells) in lines {
             let at = || format!("{name} line {number}");
-            ensure!(
-                cells.len() == columns.len(),
-                "{}: {} entries, expected {}, one for each column named in the first line",
-                at(),
-                cells.len(),
-                columns.len()
-            );
-            let mut row = vec![[0.0; 6]; discs.len()];
-            for ((column, cell), title) in columns.iter().zip(&cells).zip(&header) {
-                let value = || {
-                    let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
-                    value.with_context(|| {
-                        format!("{}, column `{title}`: `{cell}` is no finite number", at())
-                    })
-                };
-                match *column {
-                    Column::Time => times.push(value()?),
-                    Column::Part { place, part } => row[place][part] = value()?,
-                    Column::Other => {}
-                }
-            }
-            if let [.., before, time] = times[..]
-                && before >= time
-            {
-                bail!(
+            let (time, row) = wrenches(&columns, &header, &cells, discs.len()).with_context(at)?;
+            if let (Some(&before), Some(time)) = (times.last(), time) {
+                ensure!(
+                    before < time,
                     "{}: the time {time} s, after {before} s; expected times that ascend",
                     at()
                 );
             }
+            times.extend(time);
             rows.push(row);
         }
         ensure!(
@@ -144,6 +124,34 @@ impl LoadsFile {
         let [last, next] = [last, next].map(|row| self.rows[row][place]);
         std::array::from_fn(|k| last[k] + part * (next[k] - last[k]))
     }
+}
+
+/// The time of a line, where it has one, and the wrenches on `discs` loaded discs.
+fn wrenches(
+    columns: &[Column],
+    header: &[String],
+    cells: &[String],
+    discs: usize,
+) -> anyhow::Result<(Option<f64>, Vec<[f64; 6]>)> {
+    ensure!(
+        cells.len() == columns.len(),
+        "{} entries, expected {}, one for each column named in the first line",
+        cells.len(),
+        columns.len()
+    );
+    let (mut time, mut row) = (None, vec![[0.0; 6]; discs]);
+    for ((column, cell), title) in columns.iter().zip(cells).zip(header) {
+        let value = || {
+            let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
+            value.with_context(|| format!("column `{title}`: `{cell}` is no finite number"))
+        };
+        match *column {
+            Column::Time => time = Some(value()?),
+            Column::Part { place, part } => row[place][part] = value()?,
+            Column::Other => {}
+        }
+    }
+    Ok((time, row))
 }
 
 /// What the columns of a header are; `discs` gets the discs that are loaded.
