@@ -392,7 +392,8 @@ def nothing() -> Scene:
 def as_scene(scene: Any) -> Scene:
     """A scene, if it is one."""
     if not isinstance(scene, Scene):
-        raise InputError(f"scene is {scene!r}; expected a tdcr.Scene")
+        hint = "; tdcr.Scene.load reads one from a file" if isinstance(scene, (str, os.PathLike)) else ""
+        raise InputError(f"scene is {scene!r}; expected a tdcr.Scene{hint}")
     return scene
 
 

@@ -334,7 +334,7 @@ def test_gradients_flow_in_pytorch_with_contacts_in() -> None:
     free = torch.autograd.grad((settle(BALLS, command, payload)[0] * weights).sum(), command)[0]
     among = torch.autograd.grad((settle(BALLS, command, payload, scene=SCENE)[0] * weights).sum(), command)[0]
     assert not torch.allclose(free, among, rtol=1e-2)
-    with pytest.raises(InputError, match="scene is 'wall'; expected a tdcr.Scene"):
+    with pytest.raises(InputError, match="scene is 'wall'; expected a tdcr.Scene; tdcr.Scene.load reads"):
         settle(BALLS, command, scene="wall")
 
 
