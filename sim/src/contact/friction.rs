@@ -111,6 +111,7 @@ mod tests {
             disc: 0,
             centre: Vector3::zeros(),
             radius: 0.01,
+            along_rod: 0.0,
         };
         let mut bristle = Bristle::new(bead, 0, 1e-3, &Vector3::new(0.1, 0.2, 0.3));
         bristle.press(Vector3::new(0.6, 0.0, 0.8), 0.5);

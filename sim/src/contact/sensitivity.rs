@@ -9,12 +9,13 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::equations::Equations;
 use super::friction::Bristle;
+use super::near_pairs::NearPair;
 use crate::chain::Chain;
 pub use crate::dynamics::ObstacleGradient;
 use crate::energy::{DeadForces, twist};
 use crate::pose::{PoseTangent, levers};
 use crate::robot::{Command, Loads};
-use crate::sensitivity::{Sensitivity, SensitivityError};
+use crate::sensitivity::{OnRod, PressedPoint, Sensitivity, SensitivityError};
 use crate::statics::Equilibrium;
 
 /// The factorised system of an equilibrium among obstacles, with which it is differentiated.
@@ -37,6 +38,8 @@ pub struct ContactSensitivity {
 #[derive(Clone, Debug)]
 struct Pressed {
     disc: usize,
+    /// [`Bead::along_rod`](crate::geometry::Bead::along_rod) of its bead.
+    along_rod: f64,
     obstacle: usize,
     /// Where it acts (m), and its force on the robot (N), world axes.
     point: Vector3<f64>,
@@ -65,8 +68,6 @@ impl ContactSensitivity {
         found: &Equilibrium,
     ) -> Result<Self, SensitivityError> {
         let (robot, scene) = (&equations.robot, &equations.scene);
-        let pressing = &equations.pressing;
-        let sensitivity = Sensitivity::pressed(robot, command, loads, found, pressing)?;
         // Not the iterate's, which without obstacles has not moved.
         let mut chain = Chain::new(robot);
         chain.place(robot, &found.configuration);
@@ -74,6 +75,7 @@ impl ContactSensitivity {
         let sticking = equations.bristles.iter().map(|bristle| {
             let (force, stiffness) = bristle.response(&position(bristle));
             Pressed {
+                along_rod: bristle.bead.along_rod,
                 disc: bristle.bead.disc,
                 obstacle: bristle.obstacle,
                 point: position(bristle),
@@ -82,10 +84,11 @@ impl ContactSensitivity {
                 by_compliance: force * -bristle.stiffness,
             }
         });
-        let contacts = (equations.neighbourhood.near.iter())
+        let contacts: Vec<Pressed> = (equations.neighbourhood.near.iter())
             .map(|near| {
                 let response = equations.law(near).at(near.gap);
                 Pressed {
+                    along_rod: near.bead.along_rod,
                     disc: near.bead.disc,
                     obstacle: near.obstacle,
                     point: chain.centres[near.bead.disc] + near.arm,
@@ -96,6 +99,16 @@ impl ContactSensitivity {
             })
             .chain(sticking)
             .collect();
+        let on_rods = (contacts.iter().filter_map(Pressed::on_rod))
+            .chain(
+                equations
+                    .near_pairs()
+                    .iter()
+                    .flat_map(|near| on_rods_of(equations, near)),
+            )
+            .collect();
+        let pressing = (&equations.pressing, on_rods);
+        let sensitivity = Sensitivity::pressed(robot, command, loads, found, pressing)?;
         let mut dead = DeadForces::new(robot);
         dead.set(robot, loads);
         Ok(Self {
@@ -241,11 +254,47 @@ impl ContactSensitivity {
 }
 
 impl Pressed {
+    /// The same if its bead moves along its disc.
+    fn on_rod(&self) -> Option<OnRod> {
+        (self.along_rod > 0.0).then_some(OnRod {
+            bead: PressedPoint {
+                disc: self.disc,
+                position: self.point,
+            },
+            share: self.along_rod,
+            force: self.force,
+            stiffness: self.stiffness,
+            partner: None,
+        })
+    }
+
     /// Change of the force when the obstacle moves about a point as `motion` says.
     fn carried(&self, motion: &PoseTangent, about: &Vector3<f64>) -> Vector3<f64> {
         let displacement = motion.position + motion.rotation.cross(&(self.point - about));
         self.stiffness * displacement + motion.rotation.cross(&self.force)
     }
+}
+
+/// A contact of the robot with itself, for each of its beads that moves along its disc.
+fn on_rods_of(equations: &Equations, near: &NearPair) -> impl Iterator<Item = OnRod> {
+    let response = equations.own_law().at(near.gap);
+    let pair = near.pressed(&response);
+    let points = [0, 1].map(|side| PressedPoint {
+        disc: near.beads[side].disc,
+        position: near.centres[side],
+    });
+    let (beads, force) = (near.beads, near.normal * response.force);
+    [(0, 1.0), (1, -1.0)]
+        .into_iter()
+        .filter_map(move |(side, sign)| {
+            (beads[side].along_rod > 0.0).then_some(OnRod {
+                bead: points[side],
+                share: beads[side].along_rod,
+                force: force * sign,
+                stiffness: pair.form(),
+                partner: Some(points[1 - side]),
+            })
+        })
 }
 
 fn jacobian(discs: usize, poses: impl Fn(&PoseTangent) -> Vec<PoseTangent>) -> DMatrix<f64> {

@@ -28,6 +28,9 @@ pub struct Bead {
     pub centre: Vector3<f64>,
     /// Its radius (m).
     pub radius: f64,
+    /// Of a bead on the rod to the joint of the disc above, its share of the way from the disc's origin to there: it moves along the disc
+    /// as their distance grows. 0 for one that is fixed to its disc.
+    pub along_rod: f64,
 }
 
 /// The beads of a robot.
@@ -120,6 +123,7 @@ fn of_disc(index: usize, disc: &Disc) -> Vec<Bead> {
         disc: index,
         centre,
         radius,
+        along_rod: 0.0,
     };
     if half >= radius {
         let end = half - radius;
@@ -165,11 +169,13 @@ fn of_rods(robot: &Robot) -> Vec<Bead> {
         };
         let count = ((rod.half_length / rod.radius).ceil() as usize).clamp(1, MOST_OF_ROD);
         let local = pose(disc).inverse() * piece;
+        let is_above = local.translation.z > 0.0;
         let places = (0..count).map(|i| (2 * i + 1) as f64 / count as f64 - 1.0);
         let on_rod = places.map(|place| Bead {
             disc,
             centre: (local * Point3::new(0.0, 0.0, place * rod.half_length)).coords,
             radius: rod.radius,
+            along_rod: if is_above { 0.5 * (place + 1.0) } else { 0.0 },
         });
         let disc = &robot.discs()[disc];
         let hidden = |bead: &Bead| {

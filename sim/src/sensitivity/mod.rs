@@ -42,6 +42,7 @@ use crate::robot::{Command, Drive, Loads, Parameter, ParameterError, Robot, join
 use crate::statics::{Equilibrium, Stability};
 use crate::tendon::{LENGTH_PENALTY, Posture};
 pub(crate) use changed::{Changed, DiscPoint};
+pub(crate) use pressed::{OnRod, PressedPoint};
 pub use tendons::TendonJacobians;
 
 /// Why an equilibrium has no such derivative.
@@ -85,6 +86,8 @@ pub struct Sensitivity {
     /// The command, or where a length is commanded the rest length that gives the tension.
     command: Vec<f64>,
     system: System,
+    /// Contacts of beads that move along their discs as rods grow.
+    on_rods: Vec<OnRod>,
     /// Tendons whose length is commanded and which are taut.
     held: LengthConstraints,
 }
@@ -137,7 +140,7 @@ impl Sensitivity {
         command: &Command,
         loads: &Loads,
         equilibrium: &Equilibrium,
-        pressing: &Pressing,
+        (pressing, on_rods): (&Pressing, Vec<OnRod>),
     ) -> Result<Self, SensitivityError> {
         let mut sensitivity = Self::expand(robot, command, loads, equilibrium, Some(pressing))?;
         let mut lu = PairedLu::new(&sensitivity.expansion);
@@ -152,6 +155,7 @@ impl Sensitivity {
             return Err(SensitivityError::Unstable);
         }
         sensitivity.system = System::Touching(Box::new(lu), pressing.clone());
+        sensitivity.on_rods = on_rods;
         sensitivity.hold_lengths();
         Ok(sensitivity)
     }
@@ -197,6 +201,7 @@ impl Sensitivity {
             loads: loads.clone(),
             q: equilibrium.configuration.clone(),
             system: System::Chain(Box::new(Factor::new(&expansion))),
+            on_rods: Vec::new(),
             held: LengthConstraints {
                 tendons: Vec::new(),
                 slopes: Vec::new(),
@@ -431,7 +436,7 @@ impl Sensitivity {
         let mut model = ModelTangent::zero(&self.robot);
         self.expanded().pull_back(&turns, &held, &mut model);
         let mut centres: Vec<_> = cotangents.iter().map(|pose| pose.position).collect();
-        self.press_back(&turns, &mut centres);
+        self.press_back(&turns, &mut centres, &mut model);
         pull_back_centres(&self.posture.chain, &centres, &mut model);
         for (tendon, weight) in held {
             model.command[tendon] -= weight;

@@ -1,12 +1,34 @@
 //! What contacts add where a change of the model displaces the discs and no joint turns.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::{Sensitivity, System};
 use crate::energy::Pressing;
 use crate::factor::Side;
 use crate::model_tangent::ModelTangent;
 use crate::pose::{PoseTangent, levers, motions};
+
+/// A point of a disc at which a contact acts.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PressedPoint {
+    pub disc: usize,
+    /// Where it is (m).
+    pub position: Vector3<f64>,
+}
+
+/// A contact on a bead that moves along its disc as the rod to the joint above grows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OnRod {
+    pub bead: PressedPoint,
+    /// Share of the rod's growth that the bead moves by.
+    pub share: f64,
+    /// Force on the bead (N).
+    pub force: Vector3<f64>,
+    /// By what a displacement of the bead diminishes it (N/m).
+    pub stiffness: Matrix3<f64>,
+    /// Where the opposite force acts on the robot itself.
+    pub partner: Option<PressedPoint>,
+}
 
 impl Sensitivity {
     fn pressing(&self) -> Option<&Pressing> {
@@ -16,7 +38,8 @@ impl Sensitivity {
         }
     }
 
-    /// Adds the change of the gradient, as terms of discs, by how the forces change with the displacement of the discs.
+    /// Adds the change of the gradient, as terms of discs, by how the forces change with the displacement of the discs,
+    /// and of beads along them.
     pub(super) fn press(&self, tangent: &ModelTangent, disc: &mut [Vector3<f64>]) {
         let Some(pressing) = self.pressing() else {
             return;
@@ -47,6 +70,22 @@ impl Sensitivity {
                 terms[point.disc].rotation += arm.cross(&force);
             }
         }
+        for contact in &self.on_rods {
+            let joint = contact.bead.disc + 1;
+            let grown = chain.orientations[joint] * tangent.joint_offsets[joint];
+            let slid = grown * contact.share;
+            let force = contact.stiffness * slid;
+            let mut push = |point: &PressedPoint, force: Vector3<f64>| {
+                let arm = point.position - chain.positions[point.disc];
+                terms[point.disc].position += force;
+                terms[point.disc].rotation += arm.cross(&force);
+            };
+            push(&contact.bead, force);
+            if let Some(partner) = &contact.partner {
+                push(partner, -force);
+            }
+            terms[contact.bead.disc].rotation -= slid.cross(&contact.force);
+        }
         for (disc, lever) in disc.iter_mut().zip(levers(chain, &terms)) {
             *disc += lever;
         }
@@ -76,8 +115,14 @@ impl Sensitivity {
         }
     }
 
-    /// Its transpose: adds to a cost's derivatives by the displacement of each disc what those of its gradient, `turns`, give.
-    pub(super) fn press_back(&self, turns: &[Vector3<f64>], centres: &mut [Vector3<f64>]) {
+    /// Its transpose: adds to a cost's derivatives by the displacement of each disc, and by the model, what those of its gradient,
+    /// `turns`, give.
+    pub(super) fn press_back(
+        &self,
+        turns: &[Vector3<f64>],
+        centres: &mut [Vector3<f64>],
+        model: &mut ModelTangent,
+    ) {
         let chain = &self.posture.chain;
         let Some(pressing) = self.pressing() else {
             return;
@@ -96,6 +141,18 @@ impl Sensitivity {
             let force = pair.form() * (first - second);
             centres[pair.points[0].disc] += force;
             centres[pair.points[1].disc] -= force;
+        }
+        for contact in &self.on_rods {
+            let moved = |point: &PressedPoint| {
+                let (turn, shift) = motions[point.disc];
+                shift + turn.cross(&(point.position - chain.centres[point.disc]))
+            };
+            let apart =
+                moved(&contact.bead) - contact.partner.as_ref().map_or(Vector3::zeros(), moved);
+            let (turn, _) = motions[contact.bead.disc];
+            let slid = contact.stiffness * apart + turn.cross(&contact.force);
+            let joint = contact.bead.disc + 1;
+            model.joint_offsets[joint] += chain.orientations[joint].tr_mul(&slid) * contact.share;
         }
     }
 }

@@ -46,6 +46,7 @@ fn push(force: f64, seconds: f64, integrator: Integrator) -> (ContactStepper, St
         disc: 0,
         centre: Vector3::new(0.0, 0.0, ARM),
         radius: RADIUS,
+        along_rod: 0.0,
     };
     let ceiling = Obstacle::half_space("ceiling")
         .at([0.0, 0.0, top + ARM + RADIUS - PRESSED])

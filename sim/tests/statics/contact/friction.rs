@@ -49,6 +49,7 @@ fn settler(robot: &Robot, scene: &Scene) -> ContactSettler {
         disc: 0,
         centre: Vector3::zeros(),
         radius: 0.01,
+        along_rod: 0.0,
     };
     ContactSettler::with_beads(robot, scene, Beads::of(robot, [bead]))
 }

@@ -1,5 +1,6 @@
 //! Robots that touch obstacles.
 
+mod by_the_robot;
 mod derivatives;
 mod friction;
 mod hostile;

@@ -84,6 +84,7 @@ fn points(robot: &Robot, pitch: f64) -> Beads {
             disc,
             centre: Vector3::new(side * HALF_WIDTH, 0.0, below * pitch),
             radius: 0.0,
+            along_rod: 0.0,
         })
     };
     Beads::of(robot, (0..DISCS).flat_map(of_disc))

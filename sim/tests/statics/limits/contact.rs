@@ -29,6 +29,7 @@ fn settle(robot: &Robot, loads: &Loads, obstacles: Vec<Obstacle>) -> ContactEqui
         disc,
         centre: Vector3::zeros(),
         radius: BEAD,
+        along_rod: 0.0,
     });
     let scene = Scene::new(obstacles).unwrap();
     let mut settler = ContactSettler::with_beads(robot, &scene, Beads::of(robot, beads));
