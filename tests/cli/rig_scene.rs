@@ -117,8 +117,4 @@ fn a_capture_through_a_wall_is_of_a_robot_that_the_wall_holds() {
     let settings = &meta["origin"]["recorded"]["recording"]["settings"];
     let obstacle = &settings["simulation"]["scene"]["obstacle"][0];
     assert_eq!(obstacle["name"], "wall", "{settings}");
-    // Servos on a pseudo-terminal have the same world around their robot, in which holes have no friction.
-    let served = ["servo-sim", "--robot", "2m", "--physics", "friction"];
-    let served = [&served[..], &["--scene", text(&scene)]].concat();
-    refuse(&served, 1, "not simulated among obstacles");
 }

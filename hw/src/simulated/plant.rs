@@ -12,7 +12,7 @@ use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{Drive, Loads, LoadsError, Pull, Robot, RobotSpec, SpecError, TendonSpec};
 use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
-use tdcr_sim::tendon_friction::FrictionPath;
+use tdcr_sim::tendon_friction::{ContactPath, FrictionPath};
 use thiserror::Error;
 
 use super::spool::Spool;
@@ -71,11 +71,6 @@ pub enum PlantError {
     /// The robot is not valid.
     #[error(transparent)]
     Robot(#[from] SpecError),
-    /// Friction in the holes is of robots that touch nothing.
-    #[error(
-        "tendons with friction in their holes are not simulated among obstacles; expected no scene, or another physics"
-    )]
-    FrictionAmongObstacles,
     /// It cannot be moved with this time step, or among these obstacles.
     #[error(transparent)]
     Dynamics(#[from] DynamicsError),
@@ -145,10 +140,10 @@ impl Plant {
         let scene = &setup.scene;
         let (mut simulation, motion): (Box<dyn Simulation>, _) = match setup.physics {
             Physics::AtRest => (Box::new(ContactSettler::new(&robot, scene)), None),
-            Physics::WithFriction { .. } if !scene.is_empty() => {
-                return Err(PlantError::FrictionAmongObstacles);
+            Physics::WithFriction { .. } if scene.is_empty() => {
+                (Box::new(FrictionPath::new(&robot)), None)
             }
-            Physics::WithFriction { .. } => (Box::new(FrictionPath::new(&robot)), None),
+            Physics::WithFriction { .. } => (Box::new(ContactPath::new(&robot, scene)), None),
             Physics::InMotion { timestep } => {
                 let stepper = Stepper::new(&robot, timestep, Integrator::ImplicitEuler)?;
                 let stepper = ContactStepper::new(stepper, scene, ContactLaw::default())?;
@@ -351,12 +346,16 @@ mod tests {
     const RADIUS: f64 = 0.005;
 
     fn plant(robot: &str, physics: Physics, backlash: f64) -> Plant {
+        plant_among(robot, physics, backlash, Scene::default())
+    }
+
+    fn plant_among(robot: &str, physics: Physics, backlash: f64, scene: Scene) -> Plant {
         let setup = PlantSetup {
             robot: RobotSpec::standard(robot).expect("a standard robot"),
             physics,
             stiffness: None,
             tension_at_home: 2.0,
-            scene: Scene::default(),
+            scene,
             base: BaseVisibility::Shown,
         };
         let spool = Spool::new(RADIUS, backlash, Winding::Counterclockwise, 0.0);
@@ -417,6 +416,30 @@ mod tests {
         for (tendon, &tension) in plant.tendons().iter().zip(plant.pose().tendon_tensions) {
             assert!((tendon.tension - tension).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_robot_whose_tendons_have_friction_bends_up_to_a_wall() {
+        let turn = [0.5_f64.sqrt(), 0.0, -0.5_f64.sqrt(), 0.0];
+        let wall = tdcr_sim::scene::Obstacle::half_space("wall").at([0.04, 0.0, 0.0]);
+        let wall = wall.with_orientation(turn).expect("a unit quaternion");
+        let wall = Scene::new(vec![wall]).expect("a valid scene");
+        let farthest = [Scene::default(), wall].map(|scene| {
+            let physics = Physics::WithFriction { coefficient: 0.1 };
+            let mut plant = plant_among("2m", physics, 0.0, scene);
+            for step in 1..=4 {
+                let horn = 0.5 * f64::from(step);
+                plant.advance(0.1, [horn].into_iter().chain([0.0; 5]));
+                plant.refresh();
+                assert!(plant.settled());
+            }
+            let positions = plant.pose().positions.iter();
+            positions
+                .map(|position| position.x)
+                .fold(f64::MIN, f64::max)
+        });
+        // A disc is 20 mm in radius, and is never upright there.
+        assert!(farthest[0] > 0.03 && farthest[1] < 0.025, "{farthest:?}");
     }
 
     #[test]

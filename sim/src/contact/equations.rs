@@ -22,9 +22,9 @@ use crate::solve::{Iterate, correct_rest_lengths};
 /// Largest turn of a joint in one step (rad).
 pub(super) const MAX_TURN: f64 = 0.5;
 /// Stiffness first given to the joints where the Hessian is indefinite, for each N m of the residual (1/rad).
-const STIFFENING: f64 = 0.1;
+pub(super) const STIFFENING: f64 = 0.1;
 /// Attempts at making the Hessian positive definite, each four times as stiff as the one before.
-const MAX_STIFFENINGS: usize = 25;
+pub(super) const MAX_STIFFENINGS: usize = 25;
 
 /// Gap within which a contact counts, as a share of the radius of the largest disc's beads.
 pub(super) const REACH: f64 = 0.5;
@@ -194,14 +194,19 @@ impl Equations {
             posture,
             ..
         } = &self.iterate;
+        potential.energy(configuration, posture) + self.touching_energy()
+    }
+
+    /// That of the contacts alone.
+    pub fn touching_energy(&self) -> f64 {
+        let chain = &self.iterate.posture.chain;
         let near = self.neighbourhood.near.iter();
         let contacts = near.map(|near| self.law(near).energy(near.gap));
         let own = self.own_law();
         let pairs = self.near_pairs().iter().map(|pair| own.energy(pair.gap));
         let sliding = self.bristles.iter();
-        let sliding = sliding.map(|bristle| bristle.energy(&bristle.position(&posture.chain)));
-        let touching = contacts.chain(pairs).chain(sliding);
-        potential.energy(configuration, posture) + touching.sum::<f64>()
+        let sliding = sliding.map(|bristle| bristle.energy(&bristle.position(chain)));
+        contacts.chain(pairs).chain(sliding).sum()
     }
 
     /// The contacts at the iterate, and their forces.

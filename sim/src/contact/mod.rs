@@ -12,6 +12,7 @@
 mod clear;
 mod clearance;
 mod descent;
+mod elastic;
 mod equations;
 mod friction;
 mod law;
@@ -25,6 +26,7 @@ mod settler;
 mod soften;
 mod stability;
 
+pub(crate) use elastic::{Elastic, Touching};
 pub use motion::{ContactLaw, ContactStepper, Impedance};
 pub use sensitivity::{ContactSensitivity, ObstacleGradient, SceneGradient};
 pub use settler::ContactSettler;

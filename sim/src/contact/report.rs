@@ -36,7 +36,7 @@ pub(super) fn report(
 }
 
 /// Writes the contacts at the iterate, and how well they are solved.
-fn report_contacts(equations: &Equations, out: &mut ContactEquilibrium) {
+pub(super) fn report_contacts(equations: &Equations, out: &mut ContactEquilibrium) {
     let touching = TOUCHING * equations.robot.reach();
     out.contacts.clear();
     (out.complementarity, out.penetration) = (0.0, 0.0);

@@ -17,7 +17,7 @@ use crate::solve::{MAX_CORRECTIONS, length_errors, newton};
 use crate::statics::{Settler, Stability};
 
 /// The barrier of a solution (J), for each N m of the tolerance of a robot's moments.
-const LAST_BARRIER: f64 = 1e-5;
+pub(super) const LAST_BARRIER: f64 = 1e-5;
 /// Compliance of the softest contacts (m/N), for each square metre of the widest gap within which they count and each N m of the
 /// tolerance. A push of the size of the robot's own moments presses a bead in by a fraction of its radius.
 const SOFT: f64 = 1e-8;
@@ -29,11 +29,11 @@ const STAGES: u32 = 3;
 const LOOSE: f64 = 1e6;
 /// The first barrier (J) where a configuration near the equilibrium is given and does not lead there at once, for each N m of the
 /// tolerance.
-const NEAR_BARRIER: f64 = 1e1;
+pub(super) const NEAR_BARRIER: f64 = 1e1;
 /// The share of it that the next one is.
-const NEXT: f64 = 0.03;
+pub(super) const NEXT: f64 = 0.03;
 /// Residual (N m) at which a barrier (J) that is not the last counts as solved.
-const LOOSE_BARRIER: f64 = 100.0;
+pub(super) const LOOSE_BARRIER: f64 = 100.0;
 /// How often an unstable equilibrium is left for another one.
 const MAX_SADDLES: usize = 5;
 /// How often the normal forces are taken over that friction is bounded by.
@@ -72,7 +72,7 @@ enum Start {
 /// ```
 #[derive(Clone, Debug)]
 pub struct ContactSettler {
-    equations: Equations,
+    pub(super) equations: Equations,
     /// Where there are no obstacles.
     free: Settler,
     weight: DeadForces,

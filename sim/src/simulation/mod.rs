@@ -48,7 +48,7 @@ use crate::pose::Pose;
 use crate::robot::{Command, CommandError, Loads, LoadsError, Robot};
 use crate::scene::Scene;
 use crate::statics::{Equilibrium, NotSettled, Settler};
-use crate::tendon_friction::FrictionPath;
+use crate::tendon_friction::{ContactPath, FrictionPath};
 
 /// A simulated robot that is driven by commands.
 pub trait Simulation: Send {
@@ -156,6 +156,32 @@ impl Simulation for ContactSettler {
 
     fn pose(&self) -> Pose<'_> {
         self.found().equilibrium.pose()
+    }
+
+    fn scene(&self) -> Option<&Scene> {
+        Some(self.scene())
+    }
+}
+
+impl Simulation for ContactPath {
+    fn robot(&self) -> &Robot {
+        self.robot()
+    }
+
+    fn reset(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {
+        check(self.robot(), command, loads)?;
+        self.start(command, loads)?;
+        settled(self.robot(), command, &self.state().equilibrium)
+    }
+
+    fn advance(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {
+        check(self.robot(), command, loads)?;
+        ContactPath::advance(self, command, loads)?;
+        settled(self.robot(), command, &self.state().equilibrium)
+    }
+
+    fn pose(&self) -> Pose<'_> {
+        self.state().equilibrium.pose()
     }
 
     fn scene(&self) -> Option<&Scene> {

@@ -107,3 +107,9 @@ pub(crate) fn largest_turn(step: &[Vector3<f64>]) -> f64 {
     });
     squared.sqrt()
 }
+
+/// Largest angle by which a joint differs between two configurations (rad).
+pub(crate) fn turn_between(a: &Configuration, b: &Configuration) -> f64 {
+    let joints = a.0.iter().zip(&b.0);
+    joints.map(|(a, b)| a.angle_to(b)).fold(0.0, f64::max)
+}

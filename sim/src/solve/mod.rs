@@ -14,7 +14,7 @@ mod iterate;
 mod lengths;
 
 pub(crate) use continuation::Continuation;
-pub(crate) use iterate::{Iterate, largest_turn};
+pub(crate) use iterate::{Iterate, largest_turn, turn_between};
 pub(crate) use lengths::{MAX_CORRECTIONS, correct_rest_lengths, length_errors};
 
 use std::iter::successors;

@@ -57,6 +57,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod among;
 mod balance;
 mod capstan;
 mod line;
@@ -64,9 +65,11 @@ mod snap;
 mod tangent;
 
 use crate::chain::Configuration;
+use crate::contact::Touching;
 use crate::robot::{Command, Loads, Robot};
-use crate::solve::Continuation;
+use crate::solve::{Continuation, turn_between};
 use crate::statics::{Equilibrium, Settler};
+pub use among::ContactPath;
 use balance::Balance;
 use capstan::Work;
 use tangent::Law;
@@ -76,6 +79,9 @@ pub(crate) use tangent::Tangents;
 const RESOLUTION: f64 = 0.02;
 /// Smallest part of the way to a command that is tried in one substep.
 const MIN_SUBSTEP: f64 = 1e-5;
+
+/// Substeps between two commands that may fail among obstacles, where each takes long.
+const MAX_FAILURES: usize = 100;
 
 /// What a tendon does where it passes a hole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -141,6 +147,8 @@ pub struct FrictionPath {
     /// The command (m or N) and the loads of the last equilibrium; none before the start.
     reached: Option<(Vec<f64>, Loads)>,
     state: FrictionState,
+    /// What the robot touches; none where there is nothing to.
+    touching: Option<Box<Touching>>,
     /// How it changes with what it depends on.
     pub(crate) tangents: Option<Tangents>,
 }
@@ -164,6 +172,7 @@ impl FrictionPath {
             balance,
             resolution: RESOLUTION,
             reached: None,
+            touching: None,
             tangents: None,
         }
     }
@@ -186,6 +195,12 @@ impl FrictionPath {
     /// As [`Settler::settle`].
     pub fn start(&mut self, command: &Command, loads: &Loads) -> &FrictionState {
         self.settle(command, loads);
+        self.begin(command, loads);
+        &self.state
+    }
+
+    /// Begins a path where the robot has settled.
+    fn begin(&mut self, command: &Command, loads: &Loads) {
         let tensions = &self.state.equilibrium.tendon_tensions;
         for (line, (profile, tension)) in
             (self.balance.lines.iter()).zip(self.state.tendons.iter_mut().zip(tensions))
@@ -200,7 +215,6 @@ impl FrictionPath {
         if let Some(tangents) = &mut self.tangents {
             tangents.arrive(1.0);
         }
-        &self.state
     }
 
     /// Leads the robot along the straight line from the last command and loads to these. The first
@@ -247,10 +261,18 @@ impl FrictionPath {
 
     /// Settles without friction; leaves the tendons' profiles as they are.
     fn settle(&mut self, command: &Command, loads: &Loads) {
-        let equilibrium = self.settler.settle(command, loads);
-        self.state.equilibrium.clone_from(equilibrium);
+        self.settler.settle(command, loads);
+        self.state
+            .equilibrium
+            .clone_from(self.settler.equilibrium());
+        self.arrive(command, loads);
+    }
+
+    /// Takes the equilibrium of the state for where the path is.
+    fn arrive(&mut self, command: &Command, loads: &Loads) {
         self.state.substeps = 1;
-        self.balance.start_at(&equilibrium.configuration);
+        let at = &self.state.equilibrium.configuration;
+        self.balance.start_at(at);
         self.reached = Some((command.as_slice().to_vec(), loads.clone()));
     }
 
@@ -265,7 +287,7 @@ impl FrictionPath {
         let aim = 0.8 * self.resolution;
         let mut continuation = Continuation::new(1.0, MIN_SUBSTEP);
         let mut reached = from.clone();
-        let mut arrived = 0.0;
+        let (mut arrived, mut failures) = (0.0, 0);
         (self.state.substeps, self.state.equilibrium.iterations) = (0, 0);
         self.state.equilibrium.converged = true;
         self.state.equilibrium.stability = None;
@@ -287,7 +309,12 @@ impl FrictionPath {
                     self.accept();
                     self.carry(part, Law::Capstan);
                 }
+                _ if self.touching.is_some() && failures == MAX_FAILURES => {
+                    self.give_up(goal, loads);
+                    break;
+                }
                 _ if continuation.is_least() => {
+                    failures += 1;
                     if !self.snap(&between, &loaded) {
                         self.give_up(goal, loads);
                         break;
@@ -296,6 +323,7 @@ impl FrictionPath {
                     self.carry(part, Law::Given);
                 }
                 turn => {
+                    failures += 1;
                     self.retreat();
                     continuation.fail(turn.map_or(0.25, |turn| f64::clamp(aim / turn, 0.1, 0.8)));
                     continuation.stride = continuation.stride.max(MIN_SUBSTEP);
@@ -316,7 +344,10 @@ impl FrictionPath {
     /// largest turn of a joint (rad), or `None` if the solve failed.
     fn substep(&mut self, command: &[f64], loads: &Loads) -> Option<f64> {
         self.balance.load(command, loads, &self.state.tendons);
-        let (solved, iterations) = self.balance.solve(command, &self.state.tendons);
+        let (solved, iterations) = match self.touching {
+            None => self.balance.solve(command, &self.state.tendons),
+            Some(_) => self.solve_among(command),
+        };
         self.state.equilibrium.iterations += iterations;
         let turn = || {
             turn_between(
@@ -336,6 +367,9 @@ impl FrictionPath {
             *tension = profile.tensions[0];
         }
         out.residual = balance.residual();
+        if let Some(touching) = &mut self.touching {
+            touching.accept();
+        }
         self.state.substeps += 1;
         let before = std::mem::replace(&mut self.state.tendons, balance.profiles.clone());
         self.account(&before);
@@ -345,6 +379,10 @@ impl FrictionPath {
     fn retreat(&mut self) {
         let configuration = self.state.equilibrium.configuration.clone();
         self.balance.start_at(&configuration);
+        if let Some(touching) = &mut self.touching {
+            let pressing = touching.pressing_at(&configuration);
+            self.balance.pressing.clone_from(pressing);
+        }
     }
 
     /// Says what the command leaves unbalanced in the last equilibrium.
@@ -369,10 +407,4 @@ impl FrictionPath {
             state.stored += profile.stored(line);
         }
     }
-}
-
-/// Largest angle by which a joint differs between two configurations (rad).
-fn turn_between(a: &Configuration, b: &Configuration) -> f64 {
-    let joints = a.0.iter().zip(&b.0);
-    joints.map(|(a, b)| a.angle_to(b)).fold(0.0, f64::max)
 }

@@ -38,6 +38,11 @@ impl Drag {
         }
     }
 
+    /// Energy (J) whose derivative these moments are, to first order in the turn.
+    pub fn energy(&self, q: &Configuration) -> f64 {
+        0.5 * self.taken(q)
+    }
+
     /// Energy (J) that the drag takes in a step to `q`.
     fn taken(&self, q: &Configuration) -> f64 {
         let squares: f64 = self.turns(q).map(|turn| turn.norm_squared()).sum();
@@ -56,6 +61,10 @@ impl FrictionPath {
     /// loads. Returns whether it comes to rest; where it does not, it is left where it was.
     pub(super) fn snap(&mut self, command: &[f64], loads: &Loads) -> bool {
         let start = self.state.clone();
+        let touched = self
+            .touching
+            .as_deref()
+            .map(|touching| touching.state().clone());
         // The drag under which what is unbalanced would turn a joint by what one step may.
         self.retreat();
         self.balance.load(command, loads, &self.state.tendons);
@@ -79,6 +88,9 @@ impl FrictionPath {
         self.balance.drag = None;
         let (iterations, substeps) = (self.state.equilibrium.iterations, self.state.substeps);
         self.state = start;
+        if let Some((touching, touched)) = self.touching.as_deref_mut().zip(touched) {
+            touching.set_state(touched);
+        }
         self.state.equilibrium.iterations = iterations;
         self.state.substeps = substeps;
         self.retreat();

@@ -216,7 +216,7 @@ impl Balance {
     }
 }
 
-fn add_scaled(to: &mut [Vector3<f64>], factor: f64, from: &[Vector3<f64>]) {
+pub(super) fn add_scaled(to: &mut [Vector3<f64>], factor: f64, from: &[Vector3<f64>]) {
     for (to, from) in to.iter_mut().zip(from) {
         *to += from * factor;
     }

@@ -14,16 +14,19 @@
 #[cfg(test)]
 mod tests;
 
+mod lagged;
 mod linear;
 
+use super::capstan::Cone;
 use super::line::Line;
 use super::snap::Drag;
 use super::{SlipState, TendonProfile};
 use crate::chain::Configuration;
-use crate::energy::{DeadForces, Expansion, Potential, following};
+use crate::energy::{DeadForces, Expansion, Potential, Pressing, following};
 use crate::robot::{Loads, Robot};
 use crate::solve::{Iterate, MAX_CORRECTIONS, System, largest_turn, length_errors, newton};
-use linear::Linear;
+pub(super) use lagged::Lagged;
+use linear::{Linear, add_scaled};
 
 /// Largest turn of a joint in one Newton step (rad).
 const MAX_TURN: f64 = 0.2;
@@ -37,6 +40,8 @@ enum SlipRule {
     Capstan,
     /// As assumed, so that the balance is smooth.
     Assumed,
+    /// Within the cones of the solve before.
+    Lagged,
 }
 
 /// The balance of one robot under one command and load, in one configuration.
@@ -57,6 +62,10 @@ pub(super) struct Balance {
     pub(super) rest: Vec<f64>,
     /// What holds the joints back while the robot snaps.
     pub drag: Option<Drag>,
+    /// Forces of contacts with obstacles and itself, where there are any.
+    pub pressing: Pressing,
+    /// The friction that holes bear while contacts with obstacles are solved for.
+    cones: Vec<Vec<Cone>>,
     pub iterate: Iterate,
     pub lines: Vec<Line>,
     pub profiles: Vec<TendonProfile>,
@@ -81,6 +90,10 @@ impl Balance {
             dead: DeadForces::new(robot),
             rest: vec![0.0; lines.len()],
             drag: None,
+            pressing: Pressing::none(robot.discs().len()),
+            cones: (profiles.iter())
+                .map(|profile| vec![Cone::default(); profile.wrap_angles.len()])
+                .collect(),
             iterate: Iterate::new(robot),
             expansion: Expansion::new(robot),
             assumed: profiles.iter().map(|p| p.slip_states.clone()).collect(),
@@ -98,6 +111,14 @@ impl Balance {
 
     /// Sets the command (m or N) and the loads of the step from `before`.
     pub fn load(&mut self, command: &[f64], loads: &Loads, before: &[TendonProfile]) {
+        self.guess_rest(command, before);
+        self.tolerance = self.own_tolerance.max(self.robot.load_rounding(loads));
+        self.loads.clone_from(loads);
+        self.weight.set(&self.robot, loads);
+    }
+
+    /// Rest lengths of the tendons for the step from `before`.
+    pub fn guess_rest(&mut self, command: &[f64], before: &[TendonProfile]) {
         for (t, tendon) in self.robot.tendons().iter().enumerate() {
             // The tension that holds a length is best guessed to stay.
             let correction = if tendon.holds_length() {
@@ -107,9 +128,6 @@ impl Balance {
             };
             self.rest[t] = command[t] - correction;
         }
-        self.tolerance = self.own_tolerance.max(self.robot.load_rounding(loads));
-        self.loads.clone_from(loads);
-        self.weight.set(&self.robot, loads);
     }
 
     /// The residual (N m): [`Expansion::residual`].
@@ -143,7 +161,7 @@ impl Balance {
     /// Corrects the rest lengths of the tendons whose length is commanded by first-order steps of the
     /// multipliers: the tension grows by the penalty's stiffness times the error. Returns whether they
     /// have the lengths commanded already.
-    fn correct_rest_lengths(&mut self, command: &[f64]) -> bool {
+    pub fn correct_rest_lengths(&mut self, command: &[f64]) -> bool {
         let state = |t: usize| (self.lines[t].length(), self.profiles[t].tensions[0]);
         let (tolerance, rest) = (self.length_tolerance, &mut self.rest);
         let Some(errors) = length_errors(&self.robot, command, tolerance, rest, state) else {
@@ -173,6 +191,9 @@ impl Balance {
                 SlipRule::Assumed => {
                     profile.assume(line, &before[t], state.tension, &self.assumed[t]);
                 }
+                SlipRule::Lagged => {
+                    profile.follow_within(line, &before[t], state.tension, &self.cones[t]);
+                }
             }
         }
         self.expand();
@@ -190,6 +211,7 @@ impl Balance {
         self.dead.clone_from(&self.weight);
         let (q, posture) = (&self.iterate.configuration, &self.iterate.posture);
         following::add_forces(&self.loads, 1.0, posture, &mut self.dead);
+        self.pressing.add_to(&mut self.dead);
         let potential = Potential {
             robot: &self.robot,
             command: &self.rest,

@@ -1,5 +1,6 @@
 //! What paths with friction promise, checked from outside through the public interface.
 
+mod among;
 mod energy;
 mod law;
 mod paths;
