@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 /// The delay between a command and when the tendons get it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +30,8 @@ impl Delay {
 const KEPT: f64 = 0.99;
 /// A delay takes the place of another where it leaves less than this share of the other's squares.
 const BETTER: f64 = 0.3;
+/// Periods for which a delay must be better by a fit of the model's steps.
+const SURE: usize = 10;
 
 /// Which delay is the true one, by the squares that each leaves.
 #[derive(Clone, Debug)]
@@ -38,6 +40,8 @@ pub(crate) struct DelayChoice {
     /// For each delay that it may be, the sum of squares (m²).
     left: Vec<f64>,
     may_change: bool,
+    /// The delay that was the better one of late, and for how many periods.
+    lasted: (usize, usize),
 }
 
 impl DelayChoice {
@@ -50,6 +54,7 @@ impl DelayChoice {
             now,
             left: vec![0.0; delay.most() + 1],
             may_change,
+            lasted: (now, 0),
         }
     }
 
@@ -66,22 +71,45 @@ impl DelayChoice {
         for (left, square) in self.left.iter_mut().zip(squares) {
             *left = KEPT * *left + square;
         }
-        let best = (0..self.left.len()).min_by(|&a, &b| self.left[a].total_cmp(&self.left[b]));
-        if let Some(best) = best
-            && self.left[best] < BETTER * self.left[self.now]
-        {
-            self.now = best;
+        if let Some(better) = self.better() {
+            self.now = better;
         }
+    }
+
+    /// Takes in what each delay leaves of all periods so far, the shortest delay's first: for the model's steps as they are, and as they can be made to
+    /// fit best (m²). A delay that is better only by the latter must be so for a while.
+    fn compare(&mut self, plain: &[f64], fitted: Vec<f64>) {
+        if !self.may_change {
+            return;
+        }
+        self.left = fitted;
+        let Some(better) = self.better() else {
+            self.lasted = (self.now, 0);
+            return;
+        };
+        let (last, lasted) = self.lasted;
+        self.lasted = (better, if last == better { lasted + 1 } else { 1 });
+        let is_plain = plain[better] < BETTER * self.left[self.now];
+        if is_plain || self.lasted.1 >= SURE {
+            self.now = better;
+        }
+    }
+
+    /// The delay that leaves so much less than the present one as to take its place.
+    fn better(&self) -> Option<usize> {
+        let best = (0..self.left.len()).min_by(|&a, &b| self.left[a].total_cmp(&self.left[b]));
+        best.filter(|&best| self.left[best] < BETTER * self.left[self.now])
     }
 }
 
 /// Tells the delay `d` from the tip's steps, the robot at rest at every period: that which leaves the least of
-/// `Σ |p_k - p_(k-1) - (m_(k-1-d) - m_(k-2-d))|²`, `p_k` the tip as measured at period `k` and `m_k` the model's under the command given then.
+/// `min_A Σ |p_k - p_(k-1) - A (m_(k-1-d) - m_(k-2-d))|²`, `p_k` the tip as measured at period `k`, `m_k` the model's under the command given then, and `A` any
+/// symmetric matrix: a robot that something keeps from moving as far as the model has it is not late.
 #[derive(Clone, Debug)]
 pub(crate) struct Lag {
     choice: DelayChoice,
-    /// Delays that it may be.
-    delays: usize,
+    /// For each delay that it may be, how the tip's steps go with the model's.
+    fits: Vec<Fit>,
     /// Of the model's tip: its steps by the last commands, the newest first (m).
     steps: VecDeque<Vector3<f64>>,
     last_tip: Option<Vector3<f64>>,
@@ -91,7 +119,7 @@ impl Lag {
     pub fn new(delay: Delay) -> Self {
         Self {
             choice: DelayChoice::new(delay),
-            delays: delay.most() + 1,
+            fits: vec![Fit::default(); delay.most() + 1],
             steps: VecDeque::new(),
             last_tip: None,
         }
@@ -106,16 +134,56 @@ impl Lag {
     pub fn measure(&mut self, tip: Option<Vector3<f64>>) {
         let step = tip.zip(self.last_tip).map(|(tip, last)| tip - last);
         self.last_tip = tip;
-        if let (Some(step), true) = (step, self.steps.len() == self.delays) {
-            let left = |expected: &Vector3<f64>| (step - expected).norm_squared();
-            self.choice.weigh(self.steps.iter().map(left));
+        if let (Some(step), true) = (step, self.steps.len() == self.fits.len()) {
+            for (fit, &expected) in self.fits.iter_mut().zip(&self.steps) {
+                fit.see(step, expected);
+            }
+            let plain = self.fits.iter().map(|fit| fit.left + NOTHING);
+            let fitted = self.fits.iter().map(Fit::fitted);
+            (self.choice).compare(&plain.collect::<Vec<f64>>(), fitted.collect());
         }
     }
 
     /// Takes in by how much the model's tip moves with this period's command (m).
     pub fn command(&mut self, step: Vector3<f64>) {
         self.steps.push_front(step);
-        self.steps.truncate(self.delays);
+        self.steps.truncate(self.fits.len());
+    }
+}
+
+/// Sums of products of the steps `m` of the model and of what they leave, `e = s - m`, of the tip's steps `s`; older ones count less.
+#[derive(Clone, Debug, Default)]
+struct Fit {
+    /// `Σ m m'`, `Σ e m'` and `Σ e' e` (m²).
+    model: Matrix3<f64>,
+    left_by_model: Matrix3<f64>,
+    left: f64,
+}
+
+/// Part of the model's motion that binds the matrix of a [`Fit`] to the identity.
+const BOUND: f64 = 0.01;
+/// What steps leave without telling anything (m²).
+const NOTHING: f64 = 1e-7;
+
+impl Fit {
+    fn see(&mut self, step: Vector3<f64>, model: Vector3<f64>) {
+        let left = step - model;
+        self.model = self.model * KEPT + model * model.transpose();
+        self.left_by_model = self.left_by_model * KEPT + left * model.transpose();
+        self.left = self.left * KEPT + left.norm_squared();
+    }
+
+    /// What the best `I + D` leaves (m²), `D` symmetric: `D G + G D = C + C'` for `G = Σ m m'` and `C = Σ e m'`, solved along the principal directions
+    /// of `G`.
+    fn fitted(&self) -> f64 {
+        let principal = self.model.symmetric_eigen();
+        let (ways, sizes) = (principal.eigenvectors, principal.eigenvalues);
+        let along = ways.transpose() * (self.left_by_model + self.left_by_model.transpose()) * ways;
+        let bound = 2.0 * BOUND * self.model.trace() + f64::MIN_POSITIVE;
+        let best = Matrix3::from_fn(|i, j| along[(i, j)] / (sizes[i] + sizes[j] + bound));
+        let explained =
+            (best * along).trace() - (best * Matrix3::from_diagonal(&sizes) * best).trace();
+        (self.left - explained).max(0.0) + NOTHING
     }
 }
 

@@ -5,7 +5,7 @@
 //! without a phase, as the trial is over (Bristow, Tharayil and Alleyne, A survey of iterative learning control, IEEE Control Systems Magazine 26,
 //! 2006). The controller's model turns the corrections into commands. Errors fall from trial to trial as long as the controller's own loop
 //! leaves less than the whole of an error of each frequency that `Q` passes, and as long as each trial begins alike: with friction, from the same
-//! state.
+//! state. Where friction makes the tip too sensitive to corrections for that, [`Learner`] goes back to the best trial.
 
 use nalgebra::Vector3;
 
@@ -45,6 +45,45 @@ impl Learning {
         let kept = (-period / self.smoothing.max(f64::MIN_POSITIVE)).exp();
         smooth(correction.iter_mut(), kept);
         smooth(correction.iter_mut().rev(), kept);
+    }
+}
+
+/// Learns from trial to trial. A trial that was no better than the best one is learnt nothing from: the corrections go on from those of the best
+/// one, by half of the gain.
+#[derive(Clone, Debug, Default)]
+pub struct Learner {
+    learning: Learning,
+    best: Option<Best>,
+}
+
+/// The trial with the smallest error yet.
+#[derive(Clone, Debug)]
+struct Best {
+    /// Its root mean square error (m).
+    error: f64,
+    /// The corrections that it had (m).
+    correction: Vec<Vector3<f64>>,
+    trial: Tracking,
+}
+
+impl Learner {
+    /// Turns the corrections (m) that `trial` had, whose periods are `period` (s) long, into those of the next one.
+    pub fn learn(&mut self, correction: &mut Vec<Vector3<f64>>, trial: &Tracking, period: f64) {
+        let error = trial.rms_error().unwrap_or(f64::INFINITY);
+        let best = match self.best.take() {
+            Some(best) if best.error <= error => {
+                self.learning.gain /= 2.0;
+                correction.clone_from(&best.correction);
+                best
+            }
+            _ => Best {
+                error,
+                correction: correction.clone(),
+                trial: trial.clone(),
+            },
+        };
+        self.learning.learn(correction, &best.trial, period);
+        self.best = Some(best);
     }
 }
 

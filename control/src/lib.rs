@@ -67,6 +67,7 @@
 pub mod belief;
 pub mod controller;
 pub mod estimator;
+mod jacobian;
 pub mod lag;
 pub mod learning;
 pub mod plan;

@@ -10,6 +10,7 @@ use thiserror::Error;
 use crate::belief::{Belief, BeliefError};
 use crate::controller::{Controller, Limits, Moment};
 use crate::estimator::{Estimated, Estimator, EstimatorSettings};
+use crate::jacobian::JacobianObserver;
 use crate::lag::{Delay, Lag};
 use crate::plant::{Measurement, Plant, PlantError};
 use crate::tip_path::TipPath;
@@ -142,6 +143,9 @@ impl Tracking {
 /// The most periods of a run: a week at 20 Hz.
 const MOST_PERIODS: f64 = 12_096_000.0;
 
+/// What is said, once, where the tip's motion is another than the model's.
+const OTHERWISE: &str = "the tip does not answer its commands as the model has it: something that the model does not know of may touch the robot, or its tendons stick";
+
 /// Share of the approach in which the target moves; in the rest it waits at the path's first point.
 const LEADING: f64 = 0.5;
 
@@ -255,6 +259,8 @@ struct Run<'s> {
     given: Belief,
     watch: Watch,
     lag: Lag,
+    jacobian: JacobianObserver,
+    is_otherwise_said: bool,
     /// The last commands, the newest first: as many as may be on their way, and one more.
     commands: VecDeque<Vec<f64>>,
     tip_disc: usize,
@@ -293,6 +299,12 @@ impl<'s> Run<'s> {
             given: Belief::new(robot, &settings.loads, &[])?.among(&settings.scene)?,
             watch: Watch::new(settings.watch, plant.period(), length),
             lag: Lag::new(settings.delay),
+            jacobian: JacobianObserver::new(
+                (0..tendons).map(|t| limits.width(t)).collect(),
+                length,
+                settings.estimator.position,
+            ),
+            is_otherwise_said: false,
             commands: vec![start; settings.delay.most() + 1].into(),
             tip_disc: robot.discs().len() - 1,
             period: plant.period(),
@@ -328,6 +340,7 @@ impl<'s> Run<'s> {
         let (time, wanted) = (ahead.time(), ahead.wanted());
         let target = |periods: usize| ahead.target(periods);
         let now = self.commands[0].clone();
+        let delay = self.lag.periods();
         if measured.is_some() {
             self.lag.measure(measured);
         }
@@ -343,7 +356,13 @@ impl<'s> Run<'s> {
         if measured.is_none() {
             self.lag.measure(tip);
         }
+        if self.lag.periods() != delay {
+            self.jacobian.forget();
+        }
         let acting = self.commands[self.lag.periods()].clone();
+        // A tip that is the model's, told from a cloud, says nothing beside the model.
+        let model = self.estimator.belief();
+        let goes_otherwise = self.jacobian.see(model, &acting, measured, self.period);
         let is_closed_loop = controller.is_closed_loop();
         if tip.is_none() && is_closed_loop {
             held = Some("the tip is not seen".to_owned());
@@ -359,6 +378,7 @@ impl<'s> Run<'s> {
                 delay: self.settings.delay,
                 estimated: self.estimator.belief(),
                 given: &mut self.given,
+                jacobian_correction: self.jacobian.correction(),
                 command: &now,
                 acting: &acting,
                 limits: &self.settings.limits,
@@ -380,6 +400,14 @@ impl<'s> Run<'s> {
                 tracking.stopped = Some(incident.reason.clone());
             }
             tracking.incidents.push(incident);
+        }
+        if goes_otherwise && !self.is_otherwise_said {
+            self.is_otherwise_said = true;
+            tracking.incidents.push(Incident {
+                time,
+                reason: OTHERWISE.to_owned(),
+                is_end: false,
+            });
         }
         let model = self.estimator.belief();
         let ends = [model.tip(&next), model.tip(&now)];

@@ -196,13 +196,13 @@ pub fn track_plant<'py>(
     Ok((summary(robot, &tracked)?, rows(py, &tracked.run)?, page))
 }
 
-/// Leads the tip of a rig's robot along a path; `payload` (kg) hangs from a simulated one's tip.
+/// Leads the tip of a rig's robot along a path, modelled among the obstacles of `scene`, else of the rig's own; `payload` (kg) hangs from a simulated one's tip.
 #[pyfunction]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn track_rig<'py>(
     py: Python<'py>,
     rig: PyRef<'_, Rig>,
-    scene: PyRef<'_, Scene>,
+    scene: Option<PyRef<'_, Scene>>,
     path: PyRef<'_, TipPathOf>,
     payload: f64,
     controller: &str,
@@ -210,7 +210,7 @@ pub fn track_rig<'py>(
     seed: u64,
 ) -> Outcome<(String, Rows<'py>, String)> {
     let options = options(controller, settings, seed)?;
-    let (scene, path) = (&scene.0, &path.0);
+    let (scene, path) = (scene.as_ref().map(|scene| &scene.0), &path.0);
     let (robot, tracked) = rig.long(py, |rig, watch| {
         let goes_on = || !watch.stopped();
         let tracked = track::track_rig(rig, scene, path, payload, &options, &goes_on, &mut |_| {});

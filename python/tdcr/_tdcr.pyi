@@ -365,7 +365,7 @@ def track_plant(
 ) -> tuple[str, _TrackingRows, str]: ...
 def track_rig(
     rig: Rig,
-    scene: Scene,
+    scene: Scene | None,
     path: TipPathOf,
     payload: float,
     controller: str,

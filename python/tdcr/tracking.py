@@ -116,7 +116,7 @@ def track(
         tension: Smallest and largest tension that commands may lead to, shape (2,) (N).
         truth: The simulated robot; ``robot`` unless given.
         scene: Obstacles around the robot, in the controller's model and in truth. The model of ``moving-mpc`` has none, of which
-            it warns.
+            it warns. With a rig those of the model alone, and unless given those of the rig's own ``[scene]``.
         truth_scene: Obstacles around the simulated robot in place of ``scene``, which the model has.
         payload: Mass hung from its tip that the controller does not know of (kg).
         friction: Coefficient of friction of its tendons in their holes.
@@ -171,7 +171,8 @@ def track(
     if isinstance(plant, Rig):
         given = {"truth": truth, "truth_scene": truth_scene, "timestep": step, "start": start}
         _simulated_only(numbers, {"payload"}, seen, given)
-        text, rows, html = _tdcr.track_rig(plant._native, known, way, numbers["payload"], named, settings, number)
+        around = None if scene is None else known
+        text, rows, html = _tdcr.track_rig(plant._native, around, way, numbers["payload"], named, settings, number)
         _write(page, html)
         return _tracking(text, rows, None)
     if plant is not None:

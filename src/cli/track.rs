@@ -35,7 +35,8 @@ pub(super) struct TrackArgs {
     /// The simulated robot: 2m, 3m, 5m, or a robot file [default: --robot]
     #[arg(long, value_name = "ROBOT")]
     truth: Option<String>,
-    /// File of a rig in place of a simulated robot: the robot is the rig's, and its cameras' clouds are what is measured
+    /// File of a rig in place of a simulated robot: the robot is the rig's, and its cameras' clouds are what is measured. Its own [scene]
+    /// is what the controller's model has, unless --scene is given
     #[arg(
         long,
         value_name = "FILE",
@@ -141,7 +142,8 @@ fn simulated(args: &TrackArgs, console: &Console) -> anyhow::Result<(Robot, Trac
             robot.tendons().len()
         );
     }
-    let scene = model_scene(args)?;
+    let scene = args.scene.load()?;
+    warn_of_moving(args, &scene);
     let around = match &args.truth_scene {
         Some(file) => super::scene::load(file)?,
         None => scene.clone(),
@@ -157,21 +159,22 @@ fn simulated(args: &TrackArgs, console: &Console) -> anyhow::Result<(Robot, Trac
     Ok((robot, tracked))
 }
 
-/// The obstacles of the controller's model.
-fn model_scene(args: &TrackArgs) -> anyhow::Result<Scene> {
-    let scene = args.scene.load()?;
+/// Warns where the controller's model cannot have the obstacles of `scene`.
+fn warn_of_moving(args: &TrackArgs, scene: &Scene) {
     if args.options.controller == ControllerName::MovingMpc && !scene.is_empty() {
         tracing::warn!(
-            "the model of moving-mpc has no obstacles: those of --scene are around the robot alone"
+            "the model of moving-mpc has no obstacles: those of the scene are around the robot alone"
         );
     }
-    Ok(scene)
 }
 
 fn on_rig(args: &TrackArgs, rig: &Path, console: &Console) -> anyhow::Result<(Robot, Tracked)> {
     let file = super::load_rig(rig)?;
     let robot = file.compile()?;
-    let (path, scene) = (args.path(&robot)?, model_scene(args)?);
+    let (path, scene) = (args.path(&robot)?, args.scene.given()?);
+    if let Some(scene) = scene.as_ref().or(file.scene.as_ref()) {
+        warn_of_moving(args, scene);
+    }
     let mut rig = Rig::open_file(file, Pace::Computed)?;
     args.faults.schedule(&rig)?;
     if let (Some(out), false) = (&args.out, args.no_log) {
@@ -182,7 +185,7 @@ fn on_rig(args: &TrackArgs, rig: &Path, console: &Console) -> anyhow::Result<(Ro
     let goes_on = || !console.interrupted();
     let tracked = track_rig(
         &mut rig,
-        &scene,
+        scene.as_ref(),
         &path,
         payload,
         &args.options,

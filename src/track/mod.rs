@@ -22,11 +22,11 @@ use tdcr_control::belief::BeliefError;
 use tdcr_control::controller::{Inverse, LimitsError};
 use tdcr_control::estimator::EstimatorSettings;
 use tdcr_control::lag::Delay;
-use tdcr_control::learning::Learning;
+use tdcr_control::learning::Learner;
 use tdcr_control::plant::{Plant, PlantError, SimulatedPlant, Truth, TruthError};
 use tdcr_control::tip_path::{TipPath, TipPathError};
 use tdcr_control::tracking::{Tracking, TrackingError, TrackingRow, TrackingSettings, track};
-use tdcr_control::watch::WatchSettings;
+use tdcr_control::watch::{Incident, WatchSettings};
 use tdcr_hw::capture::CaptureError;
 use tdcr_hw::rig::Rig;
 use tdcr_sim::inverse::shape::{Outcome, Search, ShapeControlError, ShapeController, Target};
@@ -212,7 +212,8 @@ pub fn track_simulated(
     })
 }
 
-/// Leads the tip of a rig's robot among the obstacles of `scene` along `path`, seen by its cameras. Its motors are on meanwhile; however this ends, the tension is
+/// Leads the tip of a rig's robot along `path`, seen by its cameras. The model is among the obstacles of `scene`, and where none is given among those of
+/// the rig's own `[scene]`. Its motors are on meanwhile; however this ends, the tension is
 /// released. `payload` (kg) is hung from a simulated rig's robot, and nobody tells the controller. `goes_on` is asked again and again
 /// whether to go on, and `each` sees every period.
 ///
@@ -220,7 +221,7 @@ pub fn track_simulated(
 /// [`TrackError`].
 pub fn track_rig(
     rig: &mut Rig,
-    scene: &Scene,
+    scene: Option<&Scene>,
     path: &TipPath,
     payload: f64,
     options: &TrackOptions,
@@ -231,9 +232,10 @@ pub fn track_rig(
         return Err(TrackError::NoCameras(rig.spec().name.clone()));
     }
     let robot = rig.robot().clone();
+    let scene = scene.or(rig.file().scene.as_ref()).cloned();
     let model = Model {
         robot: &robot,
-        scene,
+        scene: &scene.unwrap_or_default(),
     };
     // That the path begins within reach is known before anything moves.
     first_command(model, path, options.seed)?;
@@ -315,11 +317,11 @@ fn try_again(
     mut settings: TrackingSettings,
     each: &mut dyn FnMut(&TrackingRow) -> bool,
 ) -> Result<Trials, TrackError> {
-    let (learning, mut start) = (Learning::default(), start.clone());
+    let (mut learner, mut start) = (Learner::default(), start.clone());
     let mut errors = Vec::new();
     loop {
         let mut controller = options.controller.make();
-        let run = track(
+        let mut run = track(
             plant,
             robot,
             &start,
@@ -330,6 +332,7 @@ fn try_again(
         )?;
         errors.push(run.rms_error());
         if errors.len() >= options.trials || run.stopped.is_some() {
+            run.incidents.extend(rise(&errors, path.duration()));
             return Ok((run, errors));
         }
         if let (false, Some(last)) = (
@@ -338,8 +341,25 @@ fn try_again(
         ) {
             start = robot.command(last).map_err(TrackingError::from)?;
         }
-        learning.learn(&mut settings.correction, &run, plant.period());
+        learner.learn(&mut settings.correction, &run, plant.period());
     }
+}
+
+/// What is said where the last trial's error (m) is not the smallest.
+fn rise(errors: &[Option<f64>], time: f64) -> Option<Incident> {
+    let last = (*errors.last()?)?;
+    let known = errors.iter().enumerate();
+    let known = known.filter_map(|(place, error)| Some((place + 1, (*error)?)));
+    let (trial, least) = known.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    (least < last).then(|| Incident {
+        time,
+        reason: format!(
+            "the last trial's error, {:.3} mm, is above the {:.3} mm of trial {trial}",
+            1e3 * last,
+            1e3 * least
+        ),
+        is_end: false,
+    })
 }
 
 fn settings(

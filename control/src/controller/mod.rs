@@ -3,8 +3,8 @@
 //! | controller | what it asks of the model | what it asks of the sensors |
 //! |---|---|---|
 //! | [`Inverse`] | the command whose equilibrium has the tip at the target | nothing: open loop |
-//! | [`ResolvedRate`] | the Jacobian at the estimated equilibrium | the tip's error, and its integral |
-//! | [`Predictive`] | equilibria and Jacobians over a horizon | the tip's offset from the model |
+//! | [`ResolvedRate`] | the Jacobian at the estimated equilibrium | the tip's error, its integral, its answers to commands |
+//! | [`Predictive`] | equilibria and Jacobians over a horizon | the tip's offset from the model, its answers to commands |
 //! | [`MovingPredictive`] | the motion over a horizon, linearised | the tip's offset from the model |
 //!
 //! The first two take steps by [`TipStep`], a damped least-squares step within the bounds of commands, rates and tensions; the others
@@ -23,7 +23,7 @@ pub use predictive::{Predictive, PredictiveSettings};
 pub use resolved_rate::{ResolvedRate, ResolvedRateGains};
 pub use step::{Limits, LimitsError, StepWeights, TipStep};
 
-use nalgebra::Vector3;
+use nalgebra::{DVector, Matrix3xX, Vector3};
 use tdcr_sim::dynamics::DynamicsError;
 use tdcr_sim::robot::CommandError;
 use thiserror::Error;
@@ -53,10 +53,20 @@ pub struct Moment<'a> {
     pub command: &'a [f64],
     /// The command that the tip was measured under (m or N): with a delay, an older one.
     pub acting: &'a [f64],
+    /// What the tip's Jacobian has beside that of the estimated model (m per m or N), as the tip's answers to the last commands tell it.
+    pub jacobian_correction: &'a Matrix3xX<f64>,
     /// What commands must keep.
     pub limits: &'a Limits,
     /// Tension of each tendon (N), where it is measured.
     pub tensions: Option<&'a [f64]>,
+}
+
+impl Moment<'_> {
+    /// By what the tip moves from one command to another beside what the estimated model says (m).
+    fn beside_model(&self, from: &[f64], to: &[f64]) -> Vector3<f64> {
+        let change = to.iter().zip(from).map(|(to, from)| to - from);
+        self.jacobian_correction * DVector::from_iterator(to.len(), change)
+    }
 }
 
 /// Chooses commands.

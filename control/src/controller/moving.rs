@@ -291,6 +291,7 @@ mod tests {
             delay: crate::lag::Delay::Known(1),
             estimated: &mut estimated,
             given: &mut given,
+            jacobian_correction: &nalgebra::Matrix3xX::zeros(command.len()),
             command: &command,
             acting: &command,
             limits: &limits,

@@ -37,7 +37,8 @@ impl Default for PredictiveSettings {
 /// (Rawlings, Mayne and Diehl, Model Predictive Control, 2nd ed., ch. 1 and 8).
 ///
 /// Over the horizon `min Σ |p(u_i) + o_i - r_i|² / l² + damping |u_i - u_(i-1)|² + posture |u_i - u_p|²` within the bounds of commands,
-/// rates and tensions, `p` the tip of the estimated equilibrium. It is solved by sequential quadratic programming, Gauss-Newton
+/// rates and tensions, `p` the tip of the estimated equilibrium and what it
+/// moves by beside the model, as its answers to the last commands tell. It is solved by sequential quadratic programming, Gauss-Newton
 /// Hessian and exact Jacobians, from the last horizon moved on by a period (the real-time iteration; Diehl, Bock and Schloeder, SIAM J.
 /// Control Optim. 43, 2005). What the model still has wrong is an offset `o` of the tip that goes on at a constant rate; both follow
 /// from what is measured by a fading-memory filter of second order (Morrison, Introduction to Sequential Smoothing and
@@ -48,6 +49,8 @@ pub struct Predictive {
     pub settings: PredictiveSettings,
     /// The last horizon's commands.
     plan: Vec<Vec<f64>>,
+    /// The command that acted when the tip was seen last (m or N).
+    acting: Option<Vec<f64>>,
     /// Offset of the tip from the model (m), and its rate (m/s).
     offset: Option<[Vector3<f64>; 2]>,
 }
@@ -87,6 +90,10 @@ impl Controller for Predictive {
 
     fn propose(&mut self, moment: &mut Moment<'_>) -> Result<Vec<f64>, ControlError> {
         let model_tip = moment.estimated.tip(moment.acting)?;
+        if let (Some(last), Some([offset, _])) = (&self.acting, &mut self.offset) {
+            *offset += moment.beside_model(last, moment.acting);
+        }
+        self.acting = Some(moment.acting.to_vec());
         self.observe(moment.tip, model_tip, moment.period);
         let [offset, rate] = self.offset.unwrap_or_default();
         let mut plan = moved_on(&self.plan, moment.command, self.settings.horizon);
@@ -95,7 +102,9 @@ impl Controller for Predictive {
             for (i, command) in plan.iter().enumerate() {
                 let ahead = moment.lead + i;
                 let linear = moment.estimated.linearise(command)?;
-                let (tip, jacobian) = linear.tip();
+                let (tip, mut jacobian) = linear.tip();
+                jacobian += moment.jacobian_correction;
+                let tip = tip + moment.beside_model(moment.acting, command);
                 let [[slopes, _], _] = linear.tendon_jacobians()?;
                 let expected = tip + offset + rate * (ahead as f64 * moment.period);
                 let mut stage = prediction.stage(i);

@@ -25,12 +25,12 @@ impl Default for ResolvedRateGains {
 
 /// The tip moves at the target's speed, and by a proportional and an integral part of its error:
 /// `v = dr/dt + Kp e + Ki ∫ e dt` (Whitney, Resolved motion rate control, IEEE Trans. Man-Mach. Syst. 10, 1969; the integral as
-/// in Siciliano et al., Robotics, ch. 3.7), through the Jacobian at the estimated equilibrium by damped least squares within bounds.
+/// in Siciliano et al., Robotics, ch. 3.7), through the Jacobian at the estimated equilibrium, corrected by what the tip did under the last commands, by damped least squares within bounds.
 ///
 /// The command being the integral of the speed, the loop is of second order with the poles of `s² + Kp s + Ki`: a model that is off at
 /// frequency `w` is followed to a share `w² / |Ki - w² + j Kp w|` of the offset. A delay of `d` periods bounds `Kp` to about
 /// `1 / (2 d T)`. While bounds hold the tip back the integral stands still (conditional integration).
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct ResolvedRate {
     /// Gains.
     pub gains: ResolvedRateGains,
@@ -38,6 +38,20 @@ pub struct ResolvedRate {
     pub weights: StepWeights,
     /// Integral of the error (m s).
     integral: Vector3<f64>,
+}
+
+impl Default for ResolvedRate {
+    fn default() -> Self {
+        Self {
+            gains: ResolvedRateGains::default(),
+            // Three times what a step on the model takes: a tip that an obstacle held comes free of it.
+            weights: StepWeights {
+                damping: 3e-4,
+                ..StepWeights::default()
+            },
+            integral: Vector3::zeros(),
+        }
+    }
 }
 
 impl Controller for ResolvedRate {
@@ -51,10 +65,14 @@ impl Controller for ResolvedRate {
         let acting = moment.acting;
         // Where the tip will be once it follows all commands that are on their way.
         let linear = moment.estimated.linearise(moment.command)?;
-        let (model_tip, jacobian) = linear.tip();
+        let (model_tip, mut jacobian) = linear.tip();
+        jacobian += moment.jacobian_correction;
         let coming = match acting == moment.command {
             true => Vector3::zeros(),
-            false => model_tip - moment.estimated.tip(acting)?,
+            false => {
+                let beside = moment.beside_model(acting, moment.command);
+                model_tip - moment.estimated.tip(acting)? + beside
+            }
         };
         let tip = moment.tip + coming;
         let [now, next] = [moment.lead - 1, moment.lead].map(|periods| (moment.target)(periods));

@@ -65,9 +65,9 @@ impl EstimatorSettings {
             let deviation = match tendon.unit() {
                 // A stiff tendon is never off by as much as a soft one: that would tear it.
                 CommandUnit::Metre if tendon.stiffness.is_finite() => {
-                    (0.1 * range).min(PRETENSION / tendon.stiffness)
+                    (0.05 * range).min(PRETENSION / tendon.stiffness)
                 }
-                CommandUnit::Metre => 0.1 * range,
+                CommandUnit::Metre => 0.05 * range,
                 CommandUnit::Newton => 0.05 * range,
             };
             Prior {
