@@ -2,12 +2,14 @@
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
-use tdcr::sim::tendon_friction::{FrictionState, SlipState};
+use tdcr::sim::tendon_friction::{ContactPath, FrictionState, SlipState};
 
 use crate::arrays::contiguous;
+use crate::contact::{ContactRows, Touched, arrays as contact_rows};
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
 use crate::robot::Robot;
+use crate::scene::Scene;
 use crate::statics::{EquilibriumRows, Numbers};
 
 /// A tendon from the servo to its fastened end: lengths (m), tensions (N), wrap angles (rad), deflections (m), slip states.
@@ -22,21 +24,48 @@ type Profile<'py> = (
 /// Energies (J) dissipated, stored, snapped, and of the servos' work; numbers of snaps and substeps.
 type Account = (f64, f64, f64, f64, usize, usize);
 
+/// A state of a path, and what the robot touches there.
+type Stand<'py> = (
+    EquilibriumRows,
+    Vec<Profile<'py>>,
+    Account,
+    Option<ContactRows>,
+);
+
 /// A robot led along commands, with friction in its tendons' holes.
 #[pyclass(module = "tdcr._tdcr")]
-pub struct FrictionPath(tdcr::sim::tendon_friction::FrictionPath);
+pub struct FrictionPath(Path);
+
+/// A path without a scene or among obstacles.
+enum Path {
+    Free(Box<tdcr::sim::tendon_friction::FrictionPath>),
+    Among(Box<ContactPath>),
+}
 
 #[pymethods]
 impl FrictionPath {
     #[new]
-    fn new(robot: PyRef<'_, Robot>, resolution: f64) -> Outcome<Self> {
+    #[pyo3(signature = (robot, resolution, scene=None))]
+    fn new(
+        robot: PyRef<'_, Robot>,
+        resolution: f64,
+        scene: Option<PyRef<'_, Scene>>,
+    ) -> Outcome<Self> {
         if !(resolution.is_finite() && resolution > 0.0) {
             let message =
                 format!("the resolution is {resolution} rad; expected a finite number above 0");
             return Err(Failure::input(message));
         }
-        let path = tdcr::sim::tendon_friction::FrictionPath::new(&robot.0);
-        Ok(Self(path.with_resolution(resolution)))
+        Ok(Self(match scene {
+            None => {
+                let path = tdcr::sim::tendon_friction::FrictionPath::new(&robot.0);
+                Path::Free(Box::new(path.with_resolution(resolution)))
+            }
+            Some(scene) => {
+                let path = ContactPath::new(&robot.0, &scene.0);
+                Path::Among(Box::new(path.with_resolution(resolution)))
+            }
+        }))
     }
 
     /// Starts anew from the equilibrium without friction.
@@ -45,13 +74,14 @@ impl FrictionPath {
         py: Python<'py>,
         command: PyReadonlyArray1<'_, f64>,
         loads: PyRef<'_, Loads>,
-    ) -> Outcome<(EquilibriumRows, Vec<Profile<'py>>, Account)> {
+    ) -> Outcome<Stand<'py>> {
         let command = self.command(&command, &loads)?;
         let (path, loads) = (&mut self.0, &loads.0);
-        py.detach(|| {
-            path.start(&command, loads);
-        });
-        state(py, self.0.state())
+        py.detach(|| match path {
+            Path::Free(path) => Ok(path.start(&command, loads)).map(|_| ()),
+            Path::Among(path) => path.start(&command, loads).map(|_| ()),
+        })?;
+        self.stand(py)
     }
 
     /// Goes on along the straight line to a command.
@@ -60,13 +90,14 @@ impl FrictionPath {
         py: Python<'py>,
         command: PyReadonlyArray1<'_, f64>,
         loads: PyRef<'_, Loads>,
-    ) -> Outcome<(EquilibriumRows, Vec<Profile<'py>>, Account)> {
+    ) -> Outcome<Stand<'py>> {
         let command = self.command(&command, &loads)?;
         let (path, loads) = (&mut self.0, &loads.0);
-        py.detach(|| {
-            path.advance(&command, loads);
-        });
-        state(py, self.0.state())
+        py.detach(|| match path {
+            Path::Free(path) => Ok(path.advance(&command, loads)).map(|_| ()),
+            Path::Among(path) => path.advance(&command, loads).map(|_| ()),
+        })?;
+        self.stand(py)
     }
 }
 
@@ -76,9 +107,27 @@ impl FrictionPath {
         command: &PyReadonlyArray1<'_, f64>,
         loads: &Loads,
     ) -> Outcome<tdcr::sim::robot::Command> {
-        let robot = self.0.robot();
+        let robot = match &self.0 {
+            Path::Free(path) => path.robot(),
+            Path::Among(path) => path.robot(),
+        };
         loads.0.check(robot)?;
         Ok(robot.command(contiguous(command, "command", &[robot.tendons().len()])?)?)
+    }
+
+    fn stand<'py>(&self, py: Python<'py>) -> Outcome<Stand<'py>> {
+        let (state, contacts) = match &self.0 {
+            Path::Free(path) => (path.state(), None),
+            Path::Among(path) => {
+                let touched = Touched::in_motion(path.contacts(), path.scene());
+                (path.state(), Some(touched))
+            }
+        };
+        let (equilibrium, profiles, account) = self::state(py, state)?;
+        let contacts = contacts
+            .map(|touched| contact_rows(py, &[touched]))
+            .transpose()?;
+        Ok((equilibrium, profiles, account, contacts))
     }
 }
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_float, as_number, as_progress, as_rows
 from tdcr._results import Result
+from tdcr.contact import Contacts
 from tdcr.loads import Loads, one_load
 from tdcr.robot import RobotLike, as_robot
+from tdcr.scene import Scene, as_scene
 from tdcr.statics import Equilibria, Equilibrium
 
 
@@ -65,23 +67,27 @@ class FrictionPath:
     Args:
         robot: The robot.
         resolution: Largest turn of a joint in one substep (rad).
+        scene: What is around the robot: it touches that with the friction of each obstacle, and states have its contacts
+            (``state.equilibrium.contacts``).
     """
 
-    def __init__(self, robot: RobotLike, resolution: float = 0.02) -> None:
+    def __init__(self, robot: RobotLike, resolution: float = 0.02, *, scene: Scene | None = None) -> None:
         self.robot = as_robot(robot)
-        self._native = _tdcr.FrictionPath(self.robot._native, as_number(resolution, "resolution"))
+        self.scene = None if scene is None else as_scene(scene)
+        around = None if self.scene is None else self.scene._native
+        self._native = _tdcr.FrictionPath(self.robot._native, as_number(resolution, "resolution"), around)
 
     def start(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> FrictionState:
         """Starts anew from the equilibrium without friction under a command, shape (tendons,) (m or N), with loads or a payload
         (kg)."""
-        return _state(*self._native.start(self._command(command), one_load(loads, payload)._native))
+        return self._state(*self._native.start(self._command(command), one_load(loads, payload)._native))
 
     def advance(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> FrictionState:
         """Goes on along the straight line to a command; the first time, starts there.
 
         Look at the ``converged`` of its equilibrium: where a command could not be reached, the state is the last on the way.
         """
-        return _state(*self._native.advance(self._command(command), one_load(loads, payload)._native))
+        return self._state(*self._native.advance(self._command(command), one_load(loads, payload)._native))
 
     def follow(
         self, commands: Any, loads: Loads | None = None, progress: Progress | None = None, *, payload: Any = None
@@ -98,11 +104,15 @@ class FrictionPath:
     def _command(self, command: Any) -> Floats:
         return as_float(command, "command", (self.robot.tendons,))
 
-
-def _state(
-    equilibrium: _tdcr.EquilibriumRows,
-    tendons: Sequence[tuple[Floats, Floats, Floats, Floats, list[str]]],
-    account: tuple[float, float, float, float, int, int],
-) -> FrictionState:
-    profiles = tuple(TendonProfile(*tendon[:4], tuple(tendon[4])) for tendon in tendons)
-    return FrictionState(Equilibria._of(equilibrium)[0], profiles, *account)
+    def _state(
+        self,
+        equilibrium: _tdcr.EquilibriumRows,
+        tendons: Sequence[tuple[Floats, Floats, Floats, Floats, list[str]]],
+        account: tuple[float, float, float, float, int, int],
+        touched: _tdcr.ContactRows | None,
+    ) -> FrictionState:
+        profiles = tuple(TendonProfile(*tendon[:4], tuple(tendon[4])) for tendon in tendons)
+        found = Equilibria._of(equilibrium)[0]
+        if self.scene is not None and touched is not None:
+            found = replace(found, contacts=Contacts._of_one(touched, self.scene))
+        return FrictionState(found, profiles, *account)

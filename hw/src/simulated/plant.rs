@@ -346,16 +346,12 @@ mod tests {
     const RADIUS: f64 = 0.005;
 
     fn plant(robot: &str, physics: Physics, backlash: f64) -> Plant {
-        plant_among(robot, physics, backlash, Scene::default())
-    }
-
-    fn plant_among(robot: &str, physics: Physics, backlash: f64, scene: Scene) -> Plant {
         let setup = PlantSetup {
             robot: RobotSpec::standard(robot).expect("a standard robot"),
             physics,
             stiffness: None,
             tension_at_home: 2.0,
-            scene,
+            scene: Scene::default(),
             base: BaseVisibility::Shown,
         };
         let spool = Spool::new(RADIUS, backlash, Winding::Counterclockwise, 0.0);
@@ -416,30 +412,6 @@ mod tests {
         for (tendon, &tension) in plant.tendons().iter().zip(plant.pose().tendon_tensions) {
             assert!((tendon.tension - tension).abs() < 1e-9);
         }
-    }
-
-    #[test]
-    fn a_robot_whose_tendons_have_friction_bends_up_to_a_wall() {
-        let turn = [0.5_f64.sqrt(), 0.0, -0.5_f64.sqrt(), 0.0];
-        let wall = tdcr_sim::scene::Obstacle::half_space("wall").at([0.04, 0.0, 0.0]);
-        let wall = wall.with_orientation(turn).expect("a unit quaternion");
-        let wall = Scene::new(vec![wall]).expect("a valid scene");
-        let farthest = [Scene::default(), wall].map(|scene| {
-            let physics = Physics::WithFriction { coefficient: 0.1 };
-            let mut plant = plant_among("2m", physics, 0.0, scene);
-            for step in 1..=4 {
-                let horn = 0.5 * f64::from(step);
-                plant.advance(0.1, [horn].into_iter().chain([0.0; 5]));
-                plant.refresh();
-                assert!(plant.settled());
-            }
-            let positions = plant.pose().positions.iter();
-            positions
-                .map(|position| position.x)
-                .fold(f64::MIN, f64::max)
-        });
-        // A disc is 20 mm in radius, and is never upright there.
-        assert!(farthest[0] > 0.03 && farthest[1] < 0.025, "{farthest:?}");
     }
 
     #[test]

@@ -64,7 +64,6 @@ mod line;
 mod snap;
 mod tangent;
 
-use crate::chain::Configuration;
 use crate::contact::Touching;
 use crate::robot::{Command, Loads, Robot};
 use crate::solve::{Continuation, turn_between};

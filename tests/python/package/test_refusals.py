@@ -156,7 +156,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
             {"robot": ROBOT, "curve": [[0, 0, 0], [0, 0, 0.1]], "scene": None, "base": "free", "stages": 2}
             | {"payload": None, "loads": None, "progress": None},
         ),
-        (tdcr.FrictionPath, {"robot": ROBOT, "resolution": 0.02}),
+        (tdcr.FrictionPath, {"robot": ROBOT, "resolution": 0.02, "scene": None}),
         (path.start, {"command": COMMAND, "loads": None, "payload": None}),
         (path.advance, {"command": COMMAND, "loads": None, "payload": None}),
         (path.follow, {"commands": ROWS, "loads": None, "progress": None, "payload": None}),
