@@ -252,8 +252,7 @@ impl Touching {
             if !crossed && next <= tolerance {
                 return (true, step);
             }
-            // Not a number is not below.
-            if crossed || !(next < 0.5 * residual) {
+            if crossed || next.is_nan() || next >= 0.5 * residual {
                 equations.bristles = bristles;
                 equations.iterate.move_back();
                 equations.is_found = false;
@@ -465,8 +464,8 @@ fn add_contacts(equations: &Equations, hessian: &mut Mat<f64>) {
         let n = centres.len();
         let mut apart = Matrix3xX::zeros(3 * n);
         for (point, sign) in pair.points.iter().zip([1.0, -1.0]) {
-            for joint in 0..=point.disc {
-                let arm = (point.position - centres[joint]).cross_matrix().transpose();
+            for (joint, centre) in centres.iter().enumerate().take(point.disc + 1) {
+                let arm = (point.position - centre).cross_matrix().transpose();
                 let mut block = apart.fixed_view_mut::<3, 3>(0, 3 * joint);
                 block += arm * sign;
             }
