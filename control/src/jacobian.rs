@@ -22,6 +22,8 @@ const FORGOTTEN: f64 = 5.0;
 const SPAN: f64 = 1.0;
 /// Share of the larger of both motions by which they differ where the tip does not follow the model.
 const OTHERWISE: f64 = 0.5;
+/// Deviations of a step above which it is a jump.
+const JUMP: f64 = 10.0;
 /// Deviations of a coordinate of the tip above which a motion is one.
 const MOTION: f64 = 10.0;
 
@@ -112,6 +114,8 @@ impl JacobianObserver {
         let variance = change.dot(&spread) + 2.0 * noise * noise;
         if variance > 0.0 {
             let surprise = left / self.length - &self.scaled * &change;
+            // A tip that snaps free of an obstacle is no answer to a command: it counts as much less as it is further.
+            let variance = variance.max(surprise.norm_squared() / JUMP.powi(2));
             self.scaled += surprise * spread.transpose() / variance;
             self.covariance -= &spread * spread.transpose() / variance;
         }

@@ -97,3 +97,44 @@ fn smooth<'a>(values: impl Iterator<Item = &'a mut Vector3<f64>>, kept: f64) {
         before = Some(*value);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tracking::TrackingRow;
+
+    /// A trial of three periods whose tip is so far from its target along x (m).
+    fn trial(off: f64) -> Tracking {
+        let row = |k: usize| TrackingRow {
+            time: k as f64,
+            target: Vector3::x() * off,
+            measured: None,
+            seen: Some(Vector3::zeros()),
+            tip: Some(Vector3::zeros()),
+            command: Vec::new(),
+            tensions: None,
+            estimated: Vec::new(),
+            delay: 0,
+            held: None,
+        };
+        Tracking {
+            controller: "none",
+            rows: (0..3).map(row).collect(),
+            incidents: Vec::new(),
+            stopped: None,
+            untold: Vec::new(),
+            length: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_trial_that_is_worse_is_gone_back_from_by_half_the_gain() {
+        let mut learner = Learner::default();
+        let mut correction = Vec::new();
+        // Each trial's error and what is learnt from it: 0.5, then of the same 0.25, then on from there.
+        for (error, learnt) in [(0.8, 0.4), (1.0, 0.2), (0.4, 0.3), (0.4, 0.25)] {
+            learner.learn(&mut correction, &trial(error), 1.0);
+            assert!((correction[1].x - learnt).abs() < 1e-9, "{correction:?}");
+        }
+    }
+}

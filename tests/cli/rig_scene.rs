@@ -118,18 +118,3 @@ fn a_capture_through_a_wall_is_of_a_robot_that_the_wall_holds() {
     let obstacle = &settings["simulation"]["scene"]["obstacle"][0];
     assert_eq!(obstacle["name"], "wall", "{settings}");
 }
-
-#[test]
-fn controllers_of_a_rig_have_its_scene_unless_another_is_given() {
-    let folder = tempfile::tempdir().unwrap();
-    let rig = rig_by_a_wall(folder.path(), "file = \"wall.toml\"\nclearance = 0.004");
-    let beside = folder.path().join("beside.toml");
-    fs::write(&beside, wall(0.5)).unwrap();
-    // The path begins 2 cm behind the wall's face.
-    let to = ["--path", "circle", "--centre", "0.02,0,0.325"];
-    let short = ["--duration", "0.5", "--approach", "0.1"];
-    let in_open_loop = ["track", "--rig", text(&rig), "--controller", "inverse"];
-    let track = [&in_open_loop[..], &to, &short].concat();
-    refuse(&track, 1, "out of reach of robot");
-    succeed(&[&track[..], &["--scene", text(&beside)]].concat());
-}
