@@ -17,7 +17,7 @@ use tdcr_sim::robot::{
 use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
 use tdcr_sim::statics::Settler;
-use tdcr_sim::tendon_friction::FrictionPath;
+use tdcr_sim::tendon_friction::{ContactPath, FrictionPath};
 use thiserror::Error;
 
 use super::cloud::{Cameras, CloudSensor};
@@ -102,9 +102,6 @@ pub enum TruthError {
         /// Number of discs.
         discs: usize,
     },
-    /// Friction of tendons cannot be simulated among obstacles.
-    #[error("tendons with friction cannot be simulated among obstacles; expected one of the two")]
-    FrictionAmongObstacles,
     /// The first command is of another robot.
     #[error(transparent)]
     Command(#[from] CommandError),
@@ -308,7 +305,7 @@ fn simulation(
         Physics::AtRest if is_free => Box::new(Settler::new(robot)),
         Physics::AtRest => Box::new(ContactSettler::new(robot, &truth.scene)),
         Physics::WithFriction { .. } if is_free => Box::new(FrictionPath::new(robot)),
-        Physics::WithFriction { .. } => return Err(TruthError::FrictionAmongObstacles),
+        Physics::WithFriction { .. } => Box::new(ContactPath::new(robot, &truth.scene)),
         Physics::InMotion { timestep } => {
             // A whole number of time steps in a period, none longer than asked for.
             let steps = (period / timestep).ceil().max(1.0);
