@@ -53,7 +53,7 @@ class Tracking(Result):
         deviations: Standard deviations of these.
         open_loop: Times (s) and errors (m) of the open loop on the same robot, shape (periods, 2); None of a plant of one's own.
         summary: What ``tdcr track --json`` prints: ``rms_error`` (m), ``rms_error_percent`` of the length,
-            ``trials`` (m, of each), ``rms_error_open_loop`` (m), ``untold``, ``incidents``, ``stopped`` and more.
+            ``trials`` (m, of each), ``rms_error_open_loop`` (m), ``unidentified``, ``incidents``, ``stopped`` and more.
     """
 
     times: Floats

@@ -172,8 +172,9 @@ class Insert(Task):
         return np.asarray(world.origin + (top + ahead)[:, None] * world.axis + aside[:, None] * side)
 
     def start(self, rows: Sequence[int], rngs: Rngs) -> None:
-        """With the tip in the tube's mouth."""
-        self.world.settle_in_the_middle(rows)
+        """With the tip in the mouth of a tube in which the robot settles."""
+        by_row = dict(zip(rows, rngs, strict=True))
+        self.world.settle_in_the_middle(rows, lambda again: self.draw(again, [by_row[row] for row in again]))
 
     def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
         world = self.world

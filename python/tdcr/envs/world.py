@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -29,7 +29,7 @@ Bools = NDArray[np.bool_]
 OBSERVATIONS = ("state", "tip", "cloud")
 ACTIONS = ("increment", "absolute")
 _ATTEMPTS = 100
-"""Commands that are drawn for a robot until one settles."""
+"""Commands, or surroundings, that are drawn for a robot until one settles."""
 _LARGEST_PLACE, _LARGEST_RATE, _LARGEST_VELOCITY, _LARGEST_TENSION = 2.0, 50.0, 20.0, 1000.0
 """Bounds of what is observed, as `python/src/env/row.rs` has them."""
 
@@ -239,15 +239,25 @@ class World:
         self.commands[rows] = commands
         return self.simulation.reset(rows, commands, self.payloads[rows])
 
-    def settle_in_the_middle(self, rows: Sequence[int]) -> None:
+    def settle_in_the_middle(self, rows: Sequence[int], redraw: Callable[[list[int]], None] | None = None) -> None:
         """Lets some rows settle in the middle of their tendons' ranges, their bases where their files have them.
+
+        Args:
+            rows: The rows.
+            redraw: Draws anew what is around those that do not settle, which are then tried again.
 
         Raises:
             NotSettledError: If one does not.
         """
         rows = list(rows)
-        if self.settle(rows, np.tile(self._middle, (len(rows), 1))).any():
-            raise NotSettledError(f"robot {self.robot.name!r} does not settle in the middle of its tendons' ranges")
+        for _ in range(_ATTEMPTS if redraw else 1):
+            failed = self.settle(rows, np.tile(self._middle, (len(rows), 1)))
+            rows = [row for row, bad in zip(rows, failed, strict=True) if bad]
+            if not rows:
+                return
+            if redraw:
+                redraw(rows)
+        raise NotSettledError(f"robot {self.robot.name!r} does not settle in the middle of its tendons' ranges")
 
     def begin(self, rows: Sequence[int]) -> None:
         """Is called where episodes of some rows begin, after robots have settled where they start."""
