@@ -122,7 +122,7 @@ mod tests {
             rows: (0..3).map(row).collect(),
             incidents: Vec::new(),
             stopped: None,
-            untold: Vec::new(),
+            unidentified: Vec::new(),
             length: 1.0,
         }
     }

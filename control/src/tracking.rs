@@ -74,8 +74,8 @@ pub struct Tracking {
     pub incidents: Vec<Incident>,
     /// Why the run ended before the path did.
     pub stopped: Option<String>,
-    /// What measurements did not tell, by name.
-    pub untold: Vec<String>,
+    /// What measurements do not identify, by name.
+    pub unidentified: Vec<String>,
     /// The robot's length (m).
     pub length: f64,
 }
@@ -313,7 +313,7 @@ impl<'s> Run<'s> {
                 rows: Vec::new(),
                 incidents: Vec::new(),
                 stopped: None,
-                untold: Vec::new(),
+                unidentified: Vec::new(),
                 length,
             },
         })
@@ -432,7 +432,7 @@ impl<'s> Run<'s> {
     }
 
     fn finish(mut self) -> Tracking {
-        self.tracking.untold = self.estimator.untold();
+        self.tracking.unidentified = self.estimator.unidentified();
         self.tracking
     }
 }

@@ -215,10 +215,10 @@ fn text(summary: &TrackSummary) -> String {
         let [value, band] = [payload.value, payload.deviation].map(|mass| 1e3 * mass);
         text += &format!("estimated payload {value:.1} g, standard deviation {band:.1} g\n");
     }
-    if !summary.untold.is_empty() {
+    if !summary.unidentified.is_empty() {
         text += &format!(
-            "not told by the measurements: {}\n",
-            summary.untold.join(", ")
+            "not identified by the measurements: {}\n",
+            summary.unidentified.join(", ")
         );
     }
     if summary.late_periods > 0 {

@@ -40,8 +40,8 @@ pub struct TrackSummary {
     pub delay_periods: usize,
     /// Periods of a rig that took longer than they were to.
     pub late_periods: usize,
-    /// What the measurements did not tell.
-    pub untold: Vec<String>,
+    /// What the measurements do not identify.
+    pub unidentified: Vec<String>,
     /// What went wrong.
     pub incidents: Vec<IncidentJson>,
     /// Why the run ended before the path did.
@@ -97,7 +97,7 @@ impl TrackSummary {
                 .collect(),
             delay_periods: run.rows.last().map_or(0, |row| row.delay),
             late_periods: tracked.late,
-            untold: run.untold.clone(),
+            unidentified: run.unidentified.clone(),
             incidents: (run.incidents.iter())
                 .map(|incident| IncidentJson {
                     time: incident.time,
@@ -177,10 +177,10 @@ pub fn page(robot: &Robot, tracked: &Tracked, settings: Vec<(String, String)>) -
             incident.reason.clone(),
         ));
     }
-    if !summary.untold.is_empty() {
+    if !summary.unidentified.is_empty() {
         what.push((
-            "Not told by the measurements".to_owned(),
-            summary.untold.join(", "),
+            "Not identified by the measurements".to_owned(),
+            summary.unidentified.join(", "),
         ));
     }
     StudyPage {
@@ -204,11 +204,13 @@ pub fn headline(summary: &TrackSummary) -> String {
         None => "not known".to_owned(),
     };
     let mut text = format!(
-        "RMS error of the tip over {}: {} ({:.3} % of the length)",
+        "RMS error of the tip over {}: {}",
         counted(summary.periods, "period"),
         millimetres(summary.rms_error),
-        summary.rms_error_percent.unwrap_or(f64::NAN),
     );
+    if let Some(percent) = summary.rms_error_percent {
+        let _ = write!(text, " ({percent:.3} % of the length)");
+    }
     match summary.rms_error_open_loop {
         Some(error) => {
             let _ = write!(text, "; in open loop {}.", millimetres(Some(error)));

@@ -217,7 +217,7 @@ fn loads_of_a_file_vary_from_command_to_command() {
         ("fx9,fy9\n1\n", "line 2: 1 entries, expected 2"),
         (
             "fx9,fy9 (N)\n\n1,nan\n",
-            "line 3, column `fy9 (N)`: `nan` is no finite number",
+            "line 3: column `fy9 (N)`: `nan` is no finite number",
         ),
         (
             "fx9\n1\n2\n",

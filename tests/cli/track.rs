@@ -198,6 +198,16 @@ fn a_robot_that_is_not_seen_ends_the_run_after_a_while() {
 }
 
 #[test]
+fn a_run_that_ends_before_its_path_has_no_error_in_percent() {
+    let path = ["track", "--path", "circle", "--duration", "1"];
+    let said = succeed(&[&path[..], &["--payload", "1e9"]].concat());
+    assert!(
+        said.contains("over 0 periods: not known; in open loop"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_path_in_time_is_read_from_a_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("path.csv");

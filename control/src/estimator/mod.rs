@@ -113,7 +113,7 @@ pub struct Estimated {
     /// Standard deviation of that.
     pub deviation: f64,
     /// Whether the measurements have told it: its deviation is below half of what it was before any.
-    pub is_told: bool,
+    pub is_identified: bool,
 }
 
 impl Estimator {
@@ -170,17 +170,17 @@ impl Estimator {
                 unknown: prior.unknown,
                 value: self.belief.values()[place],
                 deviation,
-                is_told: deviation < HARDLY * prior.deviation,
+                is_identified: deviation < HARDLY * prior.deviation,
             }
         };
         self.settings.priors.iter().enumerate().map(each).collect()
     }
 
-    /// What the measurements have not told, by name.
-    pub fn untold(&self) -> Vec<String> {
+    /// What the measurements do not identify, by name.
+    pub fn unidentified(&self) -> Vec<String> {
         let estimated = self.estimated().into_iter();
-        let untold = estimated.filter(|estimated| !estimated.is_told);
-        untold
+        let unidentified = estimated.filter(|estimated| !estimated.is_identified);
+        unidentified
             .map(|estimated| estimated.unknown.to_string())
             .collect()
     }

@@ -84,7 +84,7 @@ fn an_unknown_payload_is_told_to_a_gram() {
         assert_eq!(found.unknown, Unknown::Payload);
         let off = (found.value - mass).abs();
         assert!(off < 1e-3_f64.max(2.0 * found.deviation), "{found:?}");
-        assert!(found.is_told);
+        assert!(found.is_identified);
     }
 }
 
@@ -152,7 +152,7 @@ fn what_cannot_be_told_is_said_by_name() {
     for _ in 0..20 {
         estimator.update(command.as_slice(), &seen, PERIOD).unwrap();
     }
-    assert_eq!(estimator.untold(), ["tip force z"]);
+    assert_eq!(estimator.unidentified(), ["tip force z"]);
 }
 
 /// Normalised squares of the estimation error: over 200 runs their mean is within the 95 % band of chi squared

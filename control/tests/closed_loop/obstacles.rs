@@ -134,25 +134,23 @@ fn an_obstacle_that_no_model_has_is_said_and_is_a_smaller_error_than_in_open_loo
 }
 
 #[test]
-fn a_robot_whose_tendons_have_friction_leans_on_a_ball_that_the_model_knows_of() {
+fn tendons_have_friction_among_obstacles_too() {
     let robot = hanging();
-    let mut truth = Truth::ideal(&robot);
-    truth.scene = smooth(&ball(0.045));
-    truth.physics = Physics::WithFriction { coefficient: 0.1 };
-    let known = TrackingSettings {
-        scene: ball(0.045),
-        ..settings(&robot)
-    };
-    let [error, open_loop] = [
-        led(&truth, &mut ResolvedRate::default(), &known),
-        led(&truth, &mut Inverse::default(), &known),
-    ]
-    .map(|run| {
+    let friction = Physics::WithFriction { coefficient: 0.1 };
+    let cases = [
+        (friction, smooth(&ball(0.045))),
+        (friction, Scene::default()),
+        (Physics::AtRest, smooth(&ball(0.045))),
+    ];
+    let [both, alone, without] = cases.map(|(physics, scene)| {
+        let mut truth = Truth::ideal(&robot);
+        (truth.physics, truth.scene) = (physics, scene);
+        let run = led_in(2.0, &truth, &mut Inverse::default(), &settings(&robot));
         assert_eq!(run.stopped, None);
         run.rms_error().unwrap()
     });
-    eprintln!("{error:.6} m, in open loop {open_loop:.6} m");
-    assert!(error < 0.5 * open_loop, "{error} {open_loop}");
+    eprintln!("{both:.6} m, {alone:.6} m without the ball, {without:.6} m without friction");
+    assert!((both - alone).abs() > 1e-3 && (both - without).abs() > 1e-3);
 }
 
 /// RMS errors (m) of trials that begin alike and learn from one another.
