@@ -13,9 +13,9 @@ use tdcr_sim::robot::{Command, Loads, Robot, RobotSpec};
 use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
 use tdcr_sim::statics::Equilibrium;
-use tdcr_sim::tendon_friction::FrictionPath;
 
 use super::error::RequestError;
+use super::rubbing::RubbingPath;
 
 /// Time between two frames in motion: 60 in a second.
 pub(super) const BEAT: Duration = Duration::from_nanos(16_666_667);
@@ -34,7 +34,7 @@ pub(super) enum Body {
     AtRest,
     /// The same, with friction in the holes.
     WithFriction {
-        path: Box<FrictionPath>,
+        path: Box<RubbingPath>,
         coefficient: f64,
     },
     /// With inertia and damping.
@@ -73,12 +73,9 @@ impl Body {
         Ok(match physics {
             Physics::AtRest => Self::AtRest,
             Physics::WithFriction { coefficient } => {
-                if !scene.is_empty() {
-                    return Err(RequestError::FrictionAmongObstacles);
-                }
                 let rubbing = Robot::new(rubbed(robot.spec(), coefficient))?;
-                let mut path = Box::new(FrictionPath::new(&rubbing));
-                path.start(command, loads);
+                let mut path = Box::new(RubbingPath::new(&rubbing, scene));
+                path.start(command, loads)?;
                 Self::WithFriction { path, coefficient }
             }
             Physics::InMotion { timestep } => Self::InMotion(Box::new(Motion::new(
@@ -117,10 +114,11 @@ impl Body {
     }
 
     /// Takes over another command or other loads; a robot at rest has done so already, and one in motion does with time.
-    pub fn advance(&mut self, command: &Command, loads: &Loads) {
+    pub fn advance(&mut self, command: &Command, loads: &Loads) -> Result<(), RequestError> {
         if let Self::WithFriction { path, .. } = self {
-            path.advance(command, loads);
+            path.advance(command, loads)?;
         }
+        Ok(())
     }
 
     /// Begins anew at rest under a command.
@@ -128,7 +126,7 @@ impl Body {
         match self {
             Self::AtRest | Self::Posed(_) => Ok(()),
             Self::WithFriction { path, .. } => {
-                path.start(command, loads);
+                path.start(command, loads)?;
                 Ok(())
             }
             Self::InMotion(motion) => motion.reset(command, loads),
@@ -166,7 +164,7 @@ impl Body {
                 let equilibrium = &path.state().equilibrium;
                 Shown {
                     pose: equilibrium.pose(),
-                    contacts: &[],
+                    contacts: path.contacts(),
                     equilibrium: Some(equilibrium),
                 }
             }

@@ -43,9 +43,6 @@ pub enum RequestError {
     /// A robot that the network is not of.
     #[error(transparent)]
     Twin(#[from] TwinError),
-    /// Friction of tendons is not computed among obstacles.
-    #[error("friction of tendons is computed without obstacles only; this scene has some")]
-    FrictionAmongObstacles,
     /// A text that is no robot.
     #[error(transparent)]
     File(#[from] RobotFileError),

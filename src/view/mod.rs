@@ -28,6 +28,7 @@ mod overlays;
 mod pictures;
 mod post;
 mod recording;
+mod rubbing;
 mod server;
 mod session;
 mod showing;

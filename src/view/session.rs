@@ -333,8 +333,7 @@ impl Session {
                 return Err(error.into());
             }
         }
-        self.body.advance(&self.command, &self.all_loads);
-        Ok(())
+        self.body.advance(&self.command, &self.all_loads)
     }
 
     /// Brings the robot to a command, settled from the straight pose.
@@ -350,7 +349,7 @@ impl Session {
         if !self.moves() {
             self.settler.follow(&command, &self.all_loads)?;
         }
-        self.body.advance(&command, &self.all_loads);
+        self.body.advance(&command, &self.all_loads)?;
         self.command = command;
         Ok(())
     }
@@ -379,7 +378,7 @@ impl Session {
         if !self.moves() {
             self.settler.follow(&self.command, &loads)?;
         }
-        self.body.advance(&self.command, &loads);
+        self.body.advance(&self.command, &loads)?;
         self.all_loads = loads;
         Ok(())
     }
