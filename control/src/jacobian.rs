@@ -21,7 +21,7 @@ const FORGOTTEN: f64 = 5.0;
 /// Time over which steps are summed to tell whether the tip follows the model (s), and for which it must not.
 const SPAN: f64 = 1.0;
 /// Share of the larger of both motions by which they differ where the tip does not follow the model.
-const OTHERWISE: f64 = 0.5;
+const MISMATCH: f64 = 0.5;
 /// Deviations of a step above which it is a jump.
 const JUMP: f64 = 10.0;
 /// Deviations of a coordinate of the tip above which a motion is one.
@@ -44,7 +44,7 @@ pub(crate) struct JacobianObserver {
     /// The tip's and the model's steps in the last [`SPAN`] (m), the oldest first.
     steps: VecDeque<[Vector3<f64>; 2]>,
     /// Periods for which the tip has not followed the model.
-    otherwise: usize,
+    mismatched: usize,
 }
 
 impl JacobianObserver {
@@ -61,7 +61,7 @@ impl JacobianObserver {
             noise,
             last: None,
             steps: VecDeque::new(),
-            otherwise: 0,
+            mismatched: 0,
         }
     }
 
@@ -135,8 +135,8 @@ impl JacobianObserver {
         let [tip, model] =
             [0, 1].map(|of| self.steps.iter().map(|both| both[of]).sum::<Vector3<f64>>());
         let far = tip.norm().max(model.norm());
-        let is_otherwise = far > MOTION * self.noise && (tip - model).norm() > OTHERWISE * far;
-        self.otherwise = if is_otherwise { self.otherwise + 1 } else { 0 };
-        self.otherwise == span
+        let is_mismatch = far > MOTION * self.noise && (tip - model).norm() > MISMATCH * far;
+        self.mismatched = if is_mismatch { self.mismatched + 1 } else { 0 };
+        self.mismatched == span
     }
 }

@@ -144,7 +144,7 @@ impl Tracking {
 const MOST_PERIODS: f64 = 12_096_000.0;
 
 /// What is said, once, where the tip's motion is another than the model's.
-const OTHERWISE: &str = "the tip does not answer its commands as the model has it: something that the model does not know of may touch the robot, or its tendons stick";
+const MISMATCH: &str = "the tip does not answer its commands as the model has it: something that the model does not know of may touch the robot, or its tendons stick";
 
 /// Share of the approach in which the target moves; in the rest it waits at the path's first point.
 const LEADING: f64 = 0.5;
@@ -260,7 +260,7 @@ struct Run<'s> {
     watch: Watch,
     lag: Lag,
     jacobian: JacobianObserver,
-    is_otherwise_said: bool,
+    is_mismatch_said: bool,
     /// The last commands, the newest first: as many as may be on their way, and one more.
     commands: VecDeque<Vec<f64>>,
     tip_disc: usize,
@@ -304,7 +304,7 @@ impl<'s> Run<'s> {
                 length,
                 settings.estimator.position,
             ),
-            is_otherwise_said: false,
+            is_mismatch_said: false,
             commands: vec![start; settings.delay.most() + 1].into(),
             tip_disc: robot.discs().len() - 1,
             period: plant.period(),
@@ -362,7 +362,7 @@ impl<'s> Run<'s> {
         let acting = self.commands[self.lag.periods()].clone();
         // A tip that is the model's, told from a cloud, says nothing beside the model.
         let model = self.estimator.belief();
-        let goes_otherwise = self.jacobian.see(model, &acting, measured, self.period);
+        let is_mismatch = self.jacobian.see(model, &acting, measured, self.period);
         let is_closed_loop = controller.is_closed_loop();
         if tip.is_none() && is_closed_loop {
             held = Some("the tip is not seen".to_owned());
@@ -401,11 +401,11 @@ impl<'s> Run<'s> {
             }
             tracking.incidents.push(incident);
         }
-        if goes_otherwise && !self.is_otherwise_said {
-            self.is_otherwise_said = true;
+        if is_mismatch && !self.is_mismatch_said {
+            self.is_mismatch_said = true;
             tracking.incidents.push(Incident {
                 time,
-                reason: OTHERWISE.to_owned(),
+                reason: MISMATCH.to_owned(),
                 is_end: false,
             });
         }

@@ -116,7 +116,8 @@ def track(
         tension: Smallest and largest tension that commands may lead to, shape (2,) (N).
         truth: The simulated robot; ``robot`` unless given.
         scene: Obstacles around the robot, in the controller's model and in truth. The model of ``moving-mpc`` has none, of which
-            it warns. With a rig those of the model alone, and unless given those of the rig's own ``[scene]``.
+            it warns. With a rig they are in the model alone; where
+            none are given, the model has those of the rig's own ``[scene]``.
         truth_scene: Obstacles around the simulated robot in place of ``scene``, which the model has.
         payload: Mass hung from its tip that the controller does not know of (kg).
         friction: Coefficient of friction of its tendons in their holes.

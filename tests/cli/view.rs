@@ -316,7 +316,7 @@ fn friction_holds_the_robot_back_among_obstacles_too() {
     page.ask(2.0, friction);
     let among = page.ask(3.0, json!({"type": "command", "command": bent}));
     assert_eq!(among[8], 1.0);
-    // The shelf is in the way.
+    // What stands around it is in the way.
     let apart = distance(tip(&among), tip(&rubbed));
     assert!(apart > 1e-3, "{apart} m");
 }

@@ -6,14 +6,14 @@ use tdcr_sim::scene::Scene;
 use tdcr_sim::tendon_friction::{ContactPath, FrictionPath, FrictionState};
 
 /// The path of a robot whose tendons have friction.
-pub(super) enum RubbingPath {
+pub(super) enum FrictionalPath {
     /// It touches nothing, and takes all loads.
     Free(FrictionPath),
     /// It goes among obstacles.
     Among(ContactPath),
 }
 
-impl RubbingPath {
+impl FrictionalPath {
     /// Prepares to follow `robot` in `scene`.
     pub fn new(robot: &Robot, scene: &Scene) -> Self {
         match scene.is_empty() {
