@@ -34,12 +34,10 @@ type Stand<'py> = (
 
 /// A robot led along commands, with friction in its tendons' holes.
 #[pyclass(module = "tdcr._tdcr")]
-pub struct FrictionPath(Path);
-
-/// A path without a scene or among obstacles.
-enum Path {
-    Free(Box<tdcr::sim::tendon_friction::FrictionPath>),
-    Among(Box<ContactPath>),
+pub struct FrictionPath {
+    path: ContactPath,
+    /// Whether there is a scene, and so contacts with it to report.
+    has_scene: bool,
 }
 
 #[pymethods]
@@ -56,16 +54,14 @@ impl FrictionPath {
                 format!("the resolution is {resolution} rad; expected a finite number above 0");
             return Err(Failure::input(message));
         }
-        Ok(Self(match scene {
-            None => {
-                let path = tdcr::sim::tendon_friction::FrictionPath::new(&robot.0);
-                Path::Free(Box::new(path.with_resolution(resolution)))
-            }
-            Some(scene) => {
-                let path = ContactPath::new(&robot.0, &scene.0);
-                Path::Among(Box::new(path.with_resolution(resolution)))
-            }
-        }))
+        let around = scene
+            .as_ref()
+            .map(|scene| scene.0.clone())
+            .unwrap_or_default();
+        Ok(Self {
+            path: ContactPath::new(&robot.0, &around).with_resolution(resolution),
+            has_scene: scene.is_some(),
+        })
     }
 
     /// Starts anew from the equilibrium without friction.
@@ -76,11 +72,8 @@ impl FrictionPath {
         loads: PyRef<'_, Loads>,
     ) -> Outcome<Stand<'py>> {
         let command = self.command(&command, &loads)?;
-        let (path, loads) = (&mut self.0, &loads.0);
-        py.detach(|| match path {
-            Path::Free(path) => Ok(path.start(&command, loads)).map(|_| ()),
-            Path::Among(path) => path.start(&command, loads).map(|_| ()),
-        })?;
+        let (path, loads) = (&mut self.path, &loads.0);
+        py.detach(|| path.start(&command, loads).map(|_| ()))?;
         self.stand(py)
     }
 
@@ -92,11 +85,8 @@ impl FrictionPath {
         loads: PyRef<'_, Loads>,
     ) -> Outcome<Stand<'py>> {
         let command = self.command(&command, &loads)?;
-        let (path, loads) = (&mut self.0, &loads.0);
-        py.detach(|| match path {
-            Path::Free(path) => Ok(path.advance(&command, loads)).map(|_| ()),
-            Path::Among(path) => path.advance(&command, loads).map(|_| ()),
-        })?;
+        let (path, loads) = (&mut self.path, &loads.0);
+        py.detach(|| path.advance(&command, loads).map(|_| ()))?;
         self.stand(py)
     }
 }
@@ -107,26 +97,18 @@ impl FrictionPath {
         command: &PyReadonlyArray1<'_, f64>,
         loads: &Loads,
     ) -> Outcome<tdcr::sim::robot::Command> {
-        let robot = match &self.0 {
-            Path::Free(path) => path.robot(),
-            Path::Among(path) => path.robot(),
-        };
+        let robot = self.path.robot();
         loads.0.check(robot)?;
         Ok(robot.command(contiguous(command, "command", &[robot.tendons().len()])?)?)
     }
 
     fn stand<'py>(&self, py: Python<'py>) -> Outcome<Stand<'py>> {
-        let (state, contacts) = match &self.0 {
-            Path::Free(path) => (path.state(), None),
-            Path::Among(path) => {
-                let touched = Touched::in_motion(path.contacts(), path.scene());
-                (path.state(), Some(touched))
-            }
-        };
-        let (equilibrium, profiles, account) = self::state(py, state)?;
-        let contacts = contacts
-            .map(|touched| contact_rows(py, &[touched]))
-            .transpose()?;
+        let path = &self.path;
+        let (equilibrium, profiles, account) = self::state(py, path.state())?;
+        let touched = self
+            .has_scene
+            .then(|| Touched::in_motion(path.contacts(), path.scene()));
+        let contacts = touched.map(|own| contact_rows(py, &[own])).transpose()?;
         Ok((equilibrium, profiles, account, contacts))
     }
 }

@@ -13,9 +13,9 @@ use tdcr_sim::robot::{Command, Loads, Robot, RobotSpec};
 use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
 use tdcr_sim::statics::Equilibrium;
+use tdcr_sim::tendon_friction::ContactPath;
 
 use super::error::RequestError;
-use super::frictional::FrictionalPath;
 
 /// Time between two frames in motion: 60 in a second.
 pub(super) const BEAT: Duration = Duration::from_nanos(16_666_667);
@@ -34,7 +34,7 @@ pub(super) enum Body {
     AtRest,
     /// The same, with friction in the holes.
     WithFriction {
-        path: Box<FrictionalPath>,
+        path: Box<ContactPath>,
         coefficient: f64,
     },
     /// With inertia and damping.
@@ -74,7 +74,7 @@ impl Body {
             Physics::AtRest => Self::AtRest,
             Physics::WithFriction { coefficient } => {
                 let rubbing = Robot::new(rubbed(robot.spec(), coefficient))?;
-                let mut path = Box::new(FrictionalPath::new(&rubbing, scene));
+                let mut path = Box::new(ContactPath::new(&rubbing, scene));
                 path.start(command, loads)?;
                 Self::WithFriction { path, coefficient }
             }

@@ -19,7 +19,6 @@ mod drawing;
 mod error;
 mod exhibit;
 mod frame;
-mod frictional;
 mod given;
 mod guard;
 mod message;

@@ -17,7 +17,7 @@ use tdcr_sim::robot::{
 use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
 use tdcr_sim::statics::Settler;
-use tdcr_sim::tendon_friction::{ContactPath, FrictionPath};
+use tdcr_sim::tendon_friction::ContactPath;
 use thiserror::Error;
 
 use super::cloud::{Cameras, CloudSensor};
@@ -304,7 +304,6 @@ fn simulation(
     Ok(match truth.physics {
         Physics::AtRest if is_free => Box::new(Settler::new(robot)),
         Physics::AtRest => Box::new(ContactSettler::new(robot, &truth.scene)),
-        Physics::WithFriction { .. } if is_free => Box::new(FrictionPath::new(robot)),
         Physics::WithFriction { .. } => Box::new(ContactPath::new(robot, &truth.scene)),
         Physics::InMotion { timestep } => {
             // A whole number of time steps in a period, none longer than asked for.

@@ -12,7 +12,7 @@ use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{Drive, Loads, LoadsError, Pull, Robot, RobotSpec, SpecError, TendonSpec};
 use tdcr_sim::scene::Scene;
 use tdcr_sim::simulation::{MovingRobot, Physics, Simulation, SimulationError};
-use tdcr_sim::tendon_friction::{ContactPath, FrictionPath};
+use tdcr_sim::tendon_friction::ContactPath;
 use thiserror::Error;
 
 use super::spool::Spool;
@@ -140,9 +140,6 @@ impl Plant {
         let scene = &setup.scene;
         let (mut simulation, motion): (Box<dyn Simulation>, _) = match setup.physics {
             Physics::AtRest => (Box::new(ContactSettler::new(&robot, scene)), None),
-            Physics::WithFriction { .. } if scene.is_empty() => {
-                (Box::new(FrictionPath::new(&robot)), None)
-            }
             Physics::WithFriction { .. } => (Box::new(ContactPath::new(&robot, scene)), None),
             Physics::InMotion { timestep } => {
                 let stepper = Stepper::new(&robot, timestep, Integrator::ImplicitEuler)?;

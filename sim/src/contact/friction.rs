@@ -79,10 +79,19 @@ impl Bristle {
 
     /// Force on the bead there (N), and what a displacement of the bead diminishes it by (N/m).
     pub fn response(&self, position: &Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
+        self.response_if(self.slips(position), position)
+    }
+
+    /// The same of a contact that is taken to slip, or to stick.
+    pub fn response_if(
+        &self,
+        slips: bool,
+        position: &Vector3<f64>,
+    ) -> (Vector3<f64>, Matrix3<f64>) {
         let stretch = self.stretch(position);
         let length = stretch.norm();
         let along = Matrix3::identity() - self.normal * self.normal.transpose();
-        if !self.slips(position) {
+        if !slips || length == 0.0 {
             return (stretch * -self.stiffness, along * self.stiffness);
         }
         let way = stretch / length;

@@ -55,6 +55,24 @@ pub(super) struct Response {
     pub by_compliance: f64,
 }
 
+impl Response {
+    /// That of a contact that bears nothing.
+    pub const NONE: Self = Self {
+        force: 0.0,
+        stiffness: 0.0,
+        by_compliance: 0.0,
+    };
+
+    /// That of one that bears at a gap (m), of a compliance (m/N), without a barrier.
+    pub fn bearing(gap: f64, compliance: f64) -> Self {
+        Self {
+            force: -gap / compliance,
+            stiffness: compliance.recip(),
+            by_compliance: gap / (compliance * compliance),
+        }
+    }
+}
+
 impl Law {
     pub fn new(barrier: f64, compliance: f64, reach: f64) -> Self {
         Self {
@@ -66,6 +84,12 @@ impl Law {
 
     /// The response at a gap (m).
     pub fn at(&self, gap: f64) -> Response {
+        if self.barrier == 0.0 {
+            return match gap < 0.0 {
+                true => Response::bearing(gap, self.compliance),
+                false => Response::NONE,
+            };
+        }
         let root = self.root(gap);
         let force = self.force(gap, root);
         Response {

@@ -9,10 +9,11 @@
 //! is a minimum of the energy, and its stability is told with the contacts in it. Steps of the solve are bounded by the clearance, so
 //! that no bead passes through an obstacle on the way from the straight pose. Contacts are soft at first, and harden to what they are.
 
+mod active;
 mod clear;
 mod clearance;
+mod dense;
 mod descent;
-mod elastic;
 mod equations;
 mod friction;
 mod law;
@@ -25,11 +26,12 @@ mod sensitivity;
 mod settler;
 mod soften;
 mod stability;
+mod touching;
 
-pub(crate) use elastic::{Elastic, Touching};
 pub use motion::{ContactLaw, ContactStepper, Impedance};
 pub use sensitivity::{ContactSensitivity, ObstacleGradient, SceneGradient};
 pub use settler::ContactSettler;
+pub(crate) use touching::Touching;
 
 use nalgebra::Vector3;
 use thiserror::Error;

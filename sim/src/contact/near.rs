@@ -36,6 +36,11 @@ pub(super) struct Near {
 }
 
 impl Near {
+    /// Whether it is of a bead and an obstacle.
+    pub fn is_of(&self, bead: &Bead, obstacle: usize) -> bool {
+        self.bead == *bead && self.obstacle == obstacle
+    }
+
     /// By what matrix a displacement of the bead's centre diminishes the force on it (N/m).
     pub fn stiffness(&self, response: &Response) -> Matrix3<f64> {
         let normal = self.normal * self.normal.transpose();

@@ -102,7 +102,10 @@ impl ContactEquilibrium {
     /// Takes a contact into account, and into the list if its surfaces are within `touching` (m) of each other.
     fn add(&mut self, contact: Contact, law: &Law, response: &Response, touching: f64) {
         let pressed_in = law.compliance * response.force;
-        let apart = law.barrier / response.force;
+        let apart = match law.barrier {
+            0.0 => contact.gap.max(0.0),
+            barrier => barrier / response.force,
+        };
         let product = response.force * (contact.gap + pressed_in);
         self.complementarity = self.complementarity.max(product.abs());
         self.penetration = self.penetration.max(-contact.gap);

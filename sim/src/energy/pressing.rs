@@ -77,7 +77,7 @@ impl Pressing {
     }
 
     /// Adds a force (N, world axes) on a point of a disc, from its origin in its frame (m), that a displacement `u` of the point
-    /// changes by `-stiffness u`, a symmetric matrix (N/m).
+    /// changes by `-stiffness u` (N/m).
     pub fn push(
         &mut self,
         posture: &Posture,
@@ -97,7 +97,7 @@ impl Pressing {
         let mut block = form.fixed_view_mut::<3, 3>(3, 0);
         block -= levered;
         let mut block = form.fixed_view_mut::<3, 3>(0, 3);
-        block -= levered.transpose();
+        block -= arm.tr_mul(stiffness);
         let mut block = form.fixed_view_mut::<3, 3>(0, 0);
         block += arm.transpose() * levered;
     }

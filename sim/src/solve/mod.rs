@@ -8,6 +8,7 @@
 //! | `statics::descent` | gradient of the energy | factor in O(n), the Hessian made positive definite | energy |
 //! | `statics::following` | the same, and loads without a potential | LU in O(n), dense where that is inaccurate | squared residual |
 //! | `tendon_friction::balance` | moments with friction of the tendons | LU in O(n), dense where that is inaccurate | next simplified step |
+//! | `tendon_friction::balance::pressed` | the same with contacts | dense LU | next simplified step |
 
 mod continuation;
 mod iterate;

@@ -1,21 +1,17 @@
 //! Paths with friction of tendons among obstacles.
 
-use super::balance::Lagged;
 use super::{FrictionPath, FrictionState};
 use crate::contact::{Contact, ContactError, Touching};
 use crate::energy::following::follows;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
-use crate::solve::MAX_CORRECTIONS;
-
-/// Turn of a joint from which on a solve is given up, for each rad of the turn of one substep.
-const MOST: f64 = 2.0;
 
 /// Follows a robot along a sequence of commands among the obstacles of a scene, with friction in its tendons' holes and of the
 /// obstacles: a [`FrictionPath`] that touches what is around it.
 ///
 /// Contacts are those of [`ContactSettler`](crate::contact::ContactSettler), their friction that of its
-/// [`follow`](crate::contact::ContactSettler::follow). As long as the robot touches nothing steps are those of the path without a scene.
+/// [`follow`](crate::contact::ContactSettler::follow). As long as the robot touches nothing steps are those of the path without a scene; in one without
+/// obstacles, where it does not touch itself, this is that path, and takes all loads.
 ///
 /// ```
 /// use tdcr_sim::robot::{Loads, Robot, RobotSpec};
@@ -47,7 +43,9 @@ impl ContactPath {
     /// Prepares to follow `robot` in `scene`.
     pub fn new(robot: &Robot, scene: &Scene) -> Self {
         let mut path = FrictionPath::new(robot);
-        path.touching = Some(Box::new(Touching::new(robot, scene)));
+        if !scene.is_empty() {
+            path.touching = Some(Box::new(Touching::new(robot, scene)));
+        }
         Self {
             path,
             scene: scene.clone(),
@@ -75,11 +73,12 @@ impl ContactPath {
         command: &Command,
         loads: &Loads,
     ) -> Result<&FrictionState, ContactError> {
+        let Some(touching) = &mut self.path.touching else {
+            return Ok(self.path.start(command, loads));
+        };
         check(loads)?;
-        if let Some(touching) = &mut self.path.touching {
-            let found = touching.settle(command, loads)?;
-            self.path.state.equilibrium.clone_from(&found.equilibrium);
-        }
+        let found = touching.settle(command, loads)?;
+        self.path.state.equilibrium.clone_from(&found.equilibrium);
         self.path.arrive(command, loads);
         self.path.begin(command, loads);
         Ok(&self.path.state)
@@ -98,6 +97,9 @@ impl ContactPath {
         command: &Command,
         loads: &Loads,
     ) -> Result<&FrictionState, ContactError> {
+        if self.path.touching.is_none() {
+            return Ok(self.path.advance(command, loads));
+        }
         check(loads)?;
         match self.path.reached.take() {
             None => self.start(command, loads),
@@ -157,19 +159,8 @@ impl FrictionPath {
             balance.guess_rest(command, before);
         }
         balance.tolerance = balance.tolerance.max(touching.rounding());
-        let mut start = from.clone();
-        for _ in 0..MAX_CORRECTIONS {
-            let limits = (balance.tolerance, MOST * self.resolution);
-            let (solved, steps) = touching.solve(&mut Lagged { balance, before }, &start, limits);
-            iterations += steps;
-            start.clone_from(touching.configuration());
-            balance.start_at(&start);
-            balance.pressing.clone_from(touching.pressing());
-            balance.follow(before);
-            if !solved || balance.correct_rest_lengths(command) {
-                return (solved, iterations);
-            }
-        }
-        (false, iterations)
+        balance.start_at(from);
+        let (solved, steps) = balance.solve_pressed(touching, command, before);
+        (solved, iterations + steps)
     }
 }

@@ -4,8 +4,8 @@ use super::line::Line;
 use super::{SlipState, TendonProfile};
 
 /// The friction forces (N) that a contact can bear.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Cone {
+#[derive(Clone, Copy, Debug)]
+struct Cone {
     /// Sliding away from the servo; not positive.
     low: f64,
     /// Sliding towards the servo; not negative.
@@ -21,19 +21,6 @@ impl Cone {
             low: -tension * mu_theta.exp_m1(),
             high: -tension * (-mu_theta).exp_m1(),
         }
-    }
-
-    /// Becomes another one by a share of the difference.
-    pub(super) fn approach(&mut self, other: &Self, share: f64) {
-        self.low += share * (other.low - self.low);
-        self.high += share * (other.high - self.high);
-    }
-
-    /// Energy (J) of a contact of this stiffness (N/m) deflected by `deflection` (m), and slipping beyond the cone.
-    fn energy(&self, stiffness: f64, deflection: f64) -> f64 {
-        let trial = stiffness * deflection;
-        let force = trial.clamp(self.low, self.high);
-        force * (deflection - 0.5 * force / stiffness)
     }
 }
 
@@ -107,43 +94,6 @@ impl TendonProfile {
                 SlipState::SlipsToEnd => (cone.low, SlipState::Sticks),
             },
         );
-    }
-
-    /// The same where the cones (N) are given.
-    pub(super) fn follow_within(
-        &mut self,
-        line: &Line,
-        before: &Self,
-        servo_tension: f64,
-        cones: &[Cone],
-    ) {
-        self.trace(line, before, servo_tension, |hole, trial, _| {
-            let Cone { low, high } = cones[hole];
-            match trial {
-                _ if trial > high => (high, SlipState::SlipsToServo),
-                _ if trial < low => (low, SlipState::SlipsToEnd),
-                _ => (trial, SlipState::Sticks),
-            }
-        });
-    }
-
-    /// The cones of all holes, as they are under these tensions.
-    pub(super) fn cones(&self, line: &Line) -> impl Iterator<Item = Cone> {
-        let mu = line.friction.coefficient;
-        (self.wrap_angles.iter().zip(&self.tensions))
-            .map(move |(angle, tension)| Cone::new(mu * angle, *tension))
-    }
-
-    /// Energy (J) of the contacts along `line` after the step from `before`, within given cones: of which the forces are those of
-    /// [`follow_within`](Self::follow_within).
-    pub(super) fn energy_within(line: &Line, before: &Self, cones: &[Cone]) -> f64 {
-        let stiffness = line.friction.contact_stiffness;
-        let (mut moved, mut energy) = (0.0, 0.0);
-        for (hole, cone) in cones.iter().enumerate().rev() {
-            moved += before.lengths[hole + 1] - line.lengths[hole + 1];
-            energy += cone.energy(stiffness, before.deflections[hole] + moved);
-        }
-        energy
     }
 
     fn trace(

@@ -31,7 +31,8 @@
 //! quasi-statics can follow: it buckles, or a contact that starts to slip leaves it unstable
 //! (stick-slip). There it slides on as if damping in its joints were all that held it back, until it
 //! rests again; the state counts the snaps and the energy lost in them. A robot's inertia may carry it
-//! further than that. Where it comes to no rest the path stays, and says `converged: false`.
+//! further than that. Snaps that follow one another lead on twice as far each: contacts that chatter do
+//! so all the way. Where it comes to no rest the path stays, and says `converged: false`.
 //!
 //! ```
 //! use tdcr_sim::tendon_friction::FrictionPath;
@@ -78,9 +79,8 @@ pub(crate) use tangent::Tangents;
 const RESOLUTION: f64 = 0.02;
 /// Smallest part of the way to a command that is tried in one substep.
 const MIN_SUBSTEP: f64 = 1e-5;
-
-/// Substeps between two commands that may fail among obstacles, where each takes long.
-const MAX_FAILURES: usize = 100;
+/// Largest part of the way that is left to a snap.
+const MAX_SNAP: f64 = 0.02;
 
 /// What a tendon does where it passes a hole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -286,7 +286,9 @@ impl FrictionPath {
         let aim = 0.8 * self.resolution;
         let mut continuation = Continuation::new(1.0, MIN_SUBSTEP);
         let mut reached = from.clone();
-        let (mut arrived, mut failures) = (0.0, 0);
+        let mut arrived = 0.0;
+        // Longer where one snap follows another: contacts that chatter do so all the way.
+        let mut least = MIN_SUBSTEP;
         (self.state.substeps, self.state.equilibrium.iterations) = (0, 0);
         self.state.equilibrium.converged = true;
         self.state.equilibrium.stability = None;
@@ -305,24 +307,20 @@ impl FrictionPath {
             match self.substep(&between, &loaded) {
                 Some(turn) if turn <= self.resolution => {
                     continuation.succeed(f64::clamp(aim / turn, 1.0, 2.0));
+                    least = f64::max(0.25 * least, MIN_SUBSTEP);
                     self.accept();
                     self.carry(part, Law::Capstan);
                 }
-                _ if self.touching.is_some() && failures == MAX_FAILURES => {
-                    self.give_up(goal, loads);
-                    break;
-                }
-                _ if continuation.is_least() => {
-                    failures += 1;
+                _ if continuation.stride <= least => {
                     if !self.snap(&between, &loaded) {
                         self.give_up(goal, loads);
                         break;
                     }
-                    continuation.succeed(1.0);
+                    continuation.succeed(2.0);
+                    least = f64::min(continuation.stride, MAX_SNAP);
                     self.carry(part, Law::Given);
                 }
                 turn => {
-                    failures += 1;
                     self.retreat();
                     continuation.fail(turn.map_or(0.25, |turn| f64::clamp(aim / turn, 0.1, 0.8)));
                     continuation.stride = continuation.stride.max(MIN_SUBSTEP);
@@ -379,7 +377,8 @@ impl FrictionPath {
         let configuration = self.state.equilibrium.configuration.clone();
         self.balance.start_at(&configuration);
         if let Some(touching) = &mut self.touching {
-            let pressing = touching.pressing_at(&configuration);
+            touching.begin();
+            let pressing = touching.press(&configuration);
             self.balance.pressing.clone_from(pressing);
         }
     }

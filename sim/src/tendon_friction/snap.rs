@@ -38,11 +38,6 @@ impl Drag {
         }
     }
 
-    /// Energy (J) whose derivative these moments are, to first order in the turn.
-    pub fn energy(&self, q: &Configuration) -> f64 {
-        0.5 * self.taken(q)
-    }
-
     /// Energy (J) that the drag takes in a step to `q`.
     fn taken(&self, q: &Configuration) -> f64 {
         let squares: f64 = self.turns(q).map(|turn| turn.norm_squared()).sum();

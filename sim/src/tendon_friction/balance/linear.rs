@@ -49,6 +49,12 @@ impl Linear {
         self.dense.is_none()
     }
 
+    /// Factorises a dense matrix, of robots with these hinges.
+    pub fn factorise_dense(&mut self, jacobian: &Mat<f64>, hinges: &[Option<HingeAxes>]) {
+        self.hinges.clone_from_slice(hinges);
+        self.dense = Some(Box::new(jacobian.partial_piv_lu()));
+    }
+
     /// Solves for the `rhs`.
     pub fn solve(&mut self) {
         match (&self.dense, &mut self.chain) {
@@ -111,10 +117,15 @@ impl Balance {
 
     /// Newton's step from the present residual, with the Jacobian of the last [`Balance::linearise`].
     pub(super) fn newton_step(&mut self) {
+        self.load_rhs();
+        self.linear.solve();
+    }
+
+    /// Takes what is unbalanced for the right-hand side.
+    pub(super) fn load_rhs(&mut self) {
         self.expansion.gradient(&mut self.linear.rhs);
         let moments = self.linear.rhs.iter_mut();
         moments.for_each(|moment| *moment = -*moment);
-        self.linear.solve();
     }
 
     /// Sets how the tension of each segment follows from what is before it.

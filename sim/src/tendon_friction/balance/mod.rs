@@ -14,10 +14,9 @@
 #[cfg(test)]
 mod tests;
 
-mod lagged;
 mod linear;
+mod pressed;
 
-use super::capstan::Cone;
 use super::line::Line;
 use super::snap::Drag;
 use super::{SlipState, TendonProfile};
@@ -25,8 +24,7 @@ use crate::chain::Configuration;
 use crate::energy::{DeadForces, Expansion, Potential, Pressing, following};
 use crate::robot::{Loads, Robot};
 use crate::solve::{Iterate, MAX_CORRECTIONS, System, largest_turn, length_errors, newton};
-pub(super) use lagged::Lagged;
-use linear::{Linear, add_scaled};
+use linear::Linear;
 
 /// Largest turn of a joint in one Newton step (rad).
 const MAX_TURN: f64 = 0.2;
@@ -40,8 +38,6 @@ enum SlipRule {
     Capstan,
     /// As assumed, so that the balance is smooth.
     Assumed,
-    /// Within the cones of the solve before.
-    Lagged,
 }
 
 /// The balance of one robot under one command and load, in one configuration.
@@ -64,8 +60,6 @@ pub(super) struct Balance {
     pub drag: Option<Drag>,
     /// Forces of contacts with obstacles and itself, where there are any.
     pub pressing: Pressing,
-    /// The friction that holes bear while contacts with obstacles are solved for.
-    cones: Vec<Vec<Cone>>,
     pub iterate: Iterate,
     pub lines: Vec<Line>,
     pub profiles: Vec<TendonProfile>,
@@ -91,9 +85,6 @@ impl Balance {
             rest: vec![0.0; lines.len()],
             drag: None,
             pressing: Pressing::none(robot.discs().len()),
-            cones: (profiles.iter())
-                .map(|profile| vec![Cone::default(); profile.wrap_angles.len()])
-                .collect(),
             iterate: Iterate::new(robot),
             expansion: Expansion::new(robot),
             assumed: profiles.iter().map(|p| p.slip_states.clone()).collect(),
@@ -143,13 +134,33 @@ impl Balance {
     /// Solves the balance from where the robot stands, after the step from `before`; returns whether
     /// it is solved, and the Newton steps taken.
     pub fn solve(&mut self, command: &[f64], before: &[TendonProfile]) -> (bool, usize) {
-        for (assumed, profile) in self.assumed.iter_mut().zip(before) {
+        self.assume(before);
+        self.correcting(command, |balance| newton(&mut Substep { balance, before }))
+    }
+
+    /// Assumes that contacts at the holes do what they do in these profiles.
+    fn assume(&mut self, profiles: &[TendonProfile]) {
+        for (assumed, profile) in self.assumed.iter_mut().zip(profiles) {
             assumed.copy_from_slice(&profile.slip_states);
         }
+    }
+
+    /// Revises what is assumed, by the present profiles.
+    fn revise(&mut self) {
+        for (assumed, profile) in self.assumed.iter_mut().zip(&self.profiles) {
+            assumed.copy_from_slice(&profile.slip_states);
+        }
+    }
+
+    /// Repeats a solve until the tendons whose length is commanded have it.
+    fn correcting(
+        &mut self,
+        command: &[f64],
+        mut solve: impl FnMut(&mut Self) -> (bool, usize),
+    ) -> (bool, usize) {
         let mut iterations = 0;
         for _ in 0..MAX_CORRECTIONS {
-            let balance = &mut *self;
-            let (solved, steps) = newton(&mut Substep { balance, before });
+            let (solved, steps) = solve(self);
             iterations += steps;
             if !solved || self.correct_rest_lengths(command) {
                 return (solved, iterations);
@@ -191,9 +202,6 @@ impl Balance {
                 SlipRule::Assumed => {
                     profile.assume(line, &before[t], state.tension, &self.assumed[t]);
                 }
-                SlipRule::Lagged => {
-                    profile.follow_within(line, &before[t], state.tension, &self.cones[t]);
-                }
             }
         }
         self.expand();
@@ -233,11 +241,18 @@ struct Substep<'a> {
 }
 
 /// A Newton step.
-struct Step {
+pub(super) struct Step {
     /// Largest turn of a joint in the whole step (rad).
     size: f64,
     /// Share of the whole step that is taken at most.
     limit: f64,
+}
+
+impl Step {
+    /// Whether a share of it leads to where the simplified correction turns joints by `next` (rad) at most: much less than it.
+    fn improves(&self, share: f64, next: f64) -> bool {
+        next <= (1.0 - 0.25 * share * self.limit) * self.size || self.size * share < ROUNDING
+    }
 }
 
 impl System for Substep<'_> {
@@ -280,12 +295,9 @@ impl System for Substep<'_> {
         balance.evaluate(self.before, SlipRule::Assumed);
         balance.newton_step();
         let next = largest_turn(&balance.linear.solution);
-        let accepted = next <= (1.0 - 0.25 * share * model.limit) * model.size
-            || model.size * share < ROUNDING;
+        let accepted = model.improves(share, next);
         if accepted {
-            for (assumed, profile) in balance.assumed.iter_mut().zip(&balance.profiles) {
-                assumed.copy_from_slice(&profile.slip_states);
-            }
+            balance.revise();
         }
         accepted
     }
