@@ -90,6 +90,24 @@ fn touch(criterion: &mut Criterion) {
                 black_box(found.map(|found| found.complementarity).ok())
             });
         });
+        // From one to the next of them, in steps of a twentieth: beads begin and cease to touch.
+        let (mut at, mut part) = (0, 0);
+        let _ = settler.settle(&commands[0], &Loads::default());
+        criterion.bench_function(&format!("follow coarse steps of {name}"), |bencher| {
+            bencher.iter(|| {
+                (at, part) = match part {
+                    20 => ((at + 1) % commands.len(), 1),
+                    _ => (at, part + 1),
+                };
+                let to = &commands[(at + 1) % commands.len()];
+                let share = f64::from(part) / 20.0;
+                let ways = commands[at].as_slice().iter().zip(to.as_slice());
+                let values: Vec<f64> = ways.map(|(from, to)| from + share * (to - from)).collect();
+                let command = robot.command(&values).expect("within the range");
+                let found = settler.follow(&command, &Loads::default());
+                black_box(found.map(|found| found.complementarity).ok())
+            });
+        });
     }
 }
 

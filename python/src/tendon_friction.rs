@@ -104,7 +104,7 @@ impl FrictionPath {
 
     fn stand<'py>(&self, py: Python<'py>) -> Outcome<Stand<'py>> {
         let path = &self.path;
-        let (equilibrium, profiles, account) = self::state(py, path.state())?;
+        let (equilibrium, profiles, account) = state(py, path.state())?;
         let touched = self
             .has_scene
             .then(|| Touched::in_motion(path.contacts(), path.scene()));

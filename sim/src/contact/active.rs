@@ -113,21 +113,19 @@ impl Touch<'_> {
     }
 
     /// The discs that it pushes along its normal, or against it, and where (m).
-    fn ends(&self) -> Vec<End> {
-        match self.between {
-            Between::Obstacle(near) => vec![End {
-                disc: near.bead.disc,
-                position: near.centre,
-                sign: 1.0,
-            }],
-            Between::Discs(pair) => ([1.0, -1.0].into_iter().enumerate())
-                .map(|(i, sign)| End {
-                    disc: pair.beads[i].disc,
-                    position: pair.centres[i],
-                    sign,
-                })
-                .collect(),
-        }
+    fn ends(&self) -> impl Iterator<Item = End> + use<> {
+        let ends = match self.between {
+            Between::Obstacle(near) => [Some((near.bead.disc, near.centre)), None],
+            Between::Discs(pair) => [0, 1].map(|i| Some((pair.beads[i].disc, pair.centres[i]))),
+        };
+        ends.into_iter().zip([1.0, -1.0]).filter_map(|(end, sign)| {
+            let (disc, position) = end?;
+            Some(End {
+                disc,
+                position,
+                sign,
+            })
+        })
     }
 }
 
@@ -210,6 +208,11 @@ impl ActiveStep {
         }
     }
 
+    /// Assumes what bears where the equations stand, by the law.
+    pub fn assume_lawful(&mut self, equations: &Equations) {
+        self.assumed = Active::lawful(equations);
+    }
+
     /// Assumes what holds at an equilibrium.
     pub fn assume(&mut self, active: &Active) {
         self.assumed.clone_from(active);
@@ -221,7 +224,8 @@ impl ActiveStep {
         self.base = Base {
             centres: chain.centres.clone(),
             contacts: touches(equations)
-                .map(|touch| (touch.place, touch.normal, touch.ends()))
+                .filter(|touch| self.assumed.force(&touch.place).is_some())
+                .map(|touch| (touch.place, touch.normal, touch.ends().collect()))
                 .collect(),
             bristles: bristles.iter().map(|b| b.position(chain)).collect(),
         };
@@ -351,9 +355,12 @@ impl ActiveStep {
         };
         self.predicted.bearing.clear();
         for touch in touches(equations) {
-            let ways = touch.ends().into_iter();
+            if self.assumed.force(&touch.place).is_none() {
+                continue;
+            }
+            let ways = touch.ends();
             let ways = ways.map(|end| way(end.disc, &end.position) * end.sign);
-            let gap = touch.gap + touch.normal.dot(&ways.sum());
+            let gap = touch.gap + touch.normal.dot(&ways.sum::<Vector3<f64>>());
             let force = -gap / touch.compliance;
             self.predicted.bearing.push((touch.place, force));
         }

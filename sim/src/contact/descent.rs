@@ -5,11 +5,11 @@ use crate::energy::Potential;
 use crate::solve::{Iterate, System};
 
 /// Share of the decrease by the linear model that a step must bring (Armijo's condition).
-pub(super) const ENOUGH: f64 = 1e-4;
+const ENOUGH: f64 = 1e-4;
 /// Share of the energy that is rounding.
-pub(super) const ENERGY_ROUNDING: f64 = 1e-13;
+const ENERGY_ROUNDING: f64 = 1e-13;
 /// Energy (J) that terms of both signs may have before they cancel, for each N m of the tolerance.
-pub(super) const CANCELLING: f64 = 1e7;
+const CANCELLING: f64 = 1e7;
 
 /// A minimisation under one potential and hardness.
 pub(super) struct Minimisation<'a> {

@@ -13,7 +13,7 @@ use super::near::{Near, Neighbourhood, check_outside};
 use super::near_pairs::{NearPair, PairNeighbourhood};
 use crate::chain::Configuration;
 use crate::energy::{DeadForces, Expansion, Potential, Pressing};
-use crate::factor::{ChainMatrix, Curvature, PairedLu};
+use crate::factor::{ChainMatrix, Curvature, PairedLu, project};
 use crate::geometry::Beads;
 use crate::robot::Robot;
 use crate::scene::{Scene, SelfContact};
@@ -22,9 +22,9 @@ use crate::solve::{Iterate, correct_rest_lengths};
 /// Largest turn of a joint in one step (rad).
 pub(super) const MAX_TURN: f64 = 0.5;
 /// Stiffness first given to the joints where the Hessian is indefinite, for each N m of the residual (1/rad).
-pub(super) const STIFFENING: f64 = 0.1;
+const STIFFENING: f64 = 0.1;
 /// Attempts at making the Hessian positive definite, each four times as stiff as the one before.
-pub(super) const MAX_STIFFENINGS: usize = 25;
+const MAX_STIFFENINGS: usize = 25;
 
 /// Gap within which a contact counts, as a share of the radius of the largest disc's beads.
 pub(super) const REACH: f64 = 0.5;
@@ -241,6 +241,11 @@ impl Equations {
     /// Gradient and Hessian at the iterate, under `potential` and the contacts that are found there.
     pub fn expand(&mut self, potential: &Potential) {
         self.press();
+        self.expand_pressed(potential);
+    }
+
+    /// The same under the forces that there are.
+    pub fn expand_pressed(&mut self, potential: &Potential) {
         self.dead.clone_from(potential.dead);
         self.pressing.add_to(&mut self.dead);
         let pressed = Potential {
@@ -253,6 +258,24 @@ impl Equations {
             ..
         } = &self.iterate;
         pressed.expand(configuration, posture, &mut self.expansion);
+    }
+
+    /// The gradient alone (N m), by the joints' turns along what hinges allow, under `potential` and the forces that there are.
+    pub fn grade_pressed(&mut self, potential: &Potential) {
+        self.dead.clone_from(potential.dead);
+        self.pressing.add_to(&mut self.dead);
+        let pressed = Potential {
+            dead: &self.dead,
+            ..*potential
+        };
+        let Iterate {
+            configuration,
+            posture,
+            ..
+        } = &self.iterate;
+        let (tensions, out) = (&mut self.expansion.tensions, &mut self.gradient);
+        pressed.gradient(configuration, posture, tensions, out);
+        project(&posture.chain.hinges, out);
     }
 
     /// Factorises the Hessian with `stiffness` (N m/rad) added to every joint.

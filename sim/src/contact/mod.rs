@@ -17,6 +17,7 @@ mod descent;
 mod equations;
 mod friction;
 mod law;
+mod mixed;
 mod motion;
 mod near;
 mod near_pairs;

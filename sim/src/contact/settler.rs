@@ -1,5 +1,8 @@
 //! From command to equilibrium among obstacles.
 
+mod nearby;
+
+use super::active::ActiveStep;
 use super::descent::Minimisation;
 use super::equations::Equations;
 use super::law::Hardness;
@@ -17,7 +20,7 @@ use crate::solve::{MAX_CORRECTIONS, length_errors, newton};
 use crate::statics::{Settler, Stability};
 
 /// The barrier of a solution (J), for each N m of the tolerance of a robot's moments.
-pub(super) const LAST_BARRIER: f64 = 1e-5;
+const LAST_BARRIER: f64 = 1e-5;
 /// Compliance of the softest contacts (m/N), for each square metre of the widest gap within which they count and each N m of the
 /// tolerance. A push of the size of the robot's own moments presses a bead in by a fraction of its radius.
 const SOFT: f64 = 1e-8;
@@ -27,13 +30,6 @@ const ROUND: f64 = 0.01;
 const STAGES: u32 = 3;
 /// Residual at which the softest contacts count as solved, for each N m of the tolerance.
 const LOOSE: f64 = 1e6;
-/// The first barrier (J) where a configuration near the equilibrium is given and does not lead there at once, for each N m of the
-/// tolerance.
-pub(super) const NEAR_BARRIER: f64 = 1e1;
-/// The share of it that the next one is.
-pub(super) const NEXT: f64 = 0.03;
-/// Residual (N m) at which a barrier (J) that is not the last counts as solved.
-pub(super) const LOOSE_BARRIER: f64 = 100.0;
 /// How often an unstable equilibrium is left for another one.
 const MAX_SADDLES: usize = 5;
 /// How often the normal forces are taken over that friction is bounded by.
@@ -48,6 +44,15 @@ enum Start {
     Near,
     /// From the last equilibrium, from which on friction counts.
     Before,
+    /// From beside an unstable equilibrium, on the way from the last.
+    Beside,
+}
+
+impl Start {
+    /// Whether friction counts.
+    fn is_on_path(self) -> bool {
+        matches!(self, Self::Before | Self::Beside)
+    }
 }
 
 /// Settles commands of one robot among the obstacles of one scene, one after another. In a scene without obstacles this is
@@ -73,11 +78,15 @@ enum Start {
 #[derive(Clone, Debug)]
 pub struct ContactSettler {
     pub(super) equations: Equations,
+    active: ActiveStep,
     /// Where there are no obstacles.
     free: Settler,
     weight: DeadForces,
     /// The command, with the rest lengths of tendons whose length is commanded corrected.
     command: Vec<f64>,
+    loads: Loads,
+    /// The same of the last equilibrium.
+    before: (Vec<f64>, Loads),
     /// Largest residual (N m).
     tolerance: f64,
     result: ContactEquilibrium,
@@ -93,9 +102,12 @@ impl ContactSettler {
     pub fn with_beads(robot: &Robot, scene: &Scene, beads: Beads) -> Self {
         Self {
             equations: Equations::new(robot, scene, beads),
+            active: ActiveStep::new(robot),
             free: Settler::new(robot),
             weight: DeadForces::new(robot),
             command: vec![0.0; robot.tendons().len()],
+            loads: Loads::default(),
+            before: (vec![0.0; robot.tendons().len()], Loads::default()),
             tolerance: 0.0,
             result: ContactEquilibrium::unsettled(robot),
         }
@@ -141,7 +153,7 @@ impl ContactSettler {
     ) -> Result<&ContactEquilibrium, ContactError> {
         if self.is_free() {
             self.free.settle(command, loads);
-            if self.take_free() {
+            if self.take_free(command, loads) {
                 return Ok(&self.result);
             }
         }
@@ -167,7 +179,7 @@ impl ContactSettler {
     ) -> Result<&ContactEquilibrium, ContactError> {
         if self.is_free() {
             self.free.settle_from(start, command, loads);
-            if self.take_free() {
+            if self.take_free(command, loads) {
                 return Ok(&self.result);
             }
         }
@@ -194,7 +206,7 @@ impl ContactSettler {
         }
         if self.is_free() {
             self.free.follow(command, loads);
-            if self.take_free() {
+            if self.take_free(command, loads) {
                 return Ok(&self.result);
             }
             let before = self.result.equilibrium.configuration.clone();
@@ -244,12 +256,14 @@ impl ContactSettler {
     }
 
     /// Takes over where the robot settled without obstacles, if it does not touch itself there: then that is where it settles.
-    fn take_free(&mut self) -> bool {
+    fn take_free(&mut self, command: &Command, loads: &Loads) -> bool {
         let found = self.free.equilibrium();
         if found.converged && self.equations.overlaps_itself(&found.configuration) {
             return false;
         }
         self.equations.clear();
+        self.command.copy_from_slice(command.as_slice());
+        self.loads.clone_from(loads);
         let out = &mut self.result;
         out.equilibrium.clone_from(found);
         out.contacts.clear();
@@ -273,7 +287,10 @@ impl ContactSettler {
         self.equations.neighbourhood.clear();
         let robot = &self.equations.robot;
         self.weight.set(robot, loads);
+        self.before.0.copy_from_slice(&self.command);
+        self.before.1.clone_from(&self.loads);
         self.command.copy_from_slice(command.as_slice());
+        self.loads.clone_from(loads);
         self.tolerance = (self.equations.own_tolerance)
             .max(robot.load_rounding(loads))
             .max(self.equations.rounding());
@@ -285,8 +302,8 @@ impl ContactSettler {
                 break;
             }
             let start = match start {
-                Start::Straight => Start::Near,
-                Start::Near | Start::Before => start,
+                Start::Straight | Start::Near => Start::Near,
+                Start::Before | Start::Beside => Start::Beside,
             };
             let (solved, steps) = self.rest(command, start);
             iterations += steps;
@@ -300,12 +317,12 @@ impl ContactSettler {
     fn rest(&mut self, command: &Command, start: Start) -> (bool, usize) {
         let (mut solved, mut iterations) = self.hold(command, start);
         for lag in 0.. {
-            if !solved || start != Start::Before || !self.equations.rubs() {
+            if !solved || !start.is_on_path() || !self.equations.rubs() {
                 break;
             }
             // Until friction is bounded by the normal forces that it leads to.
             self.equations.press_bristles();
-            let (still, steps) = self.hold(command, Start::Before);
+            let (still, steps) = self.hold(command, start);
             iterations += steps;
             solved = still && lag < MAX_LAGS;
             if steps == 0 {
@@ -319,7 +336,7 @@ impl ContactSettler {
     fn hold(&mut self, command: &Command, start: Start) -> (bool, usize) {
         let (solved, iterations) = match start {
             Start::Straight => self.harden(),
-            Start::Near | Start::Before => self.descend_near(),
+            Start::Near | Start::Before | Start::Beside => self.descend_near(start),
         };
         let holds = (self.equations.robot.tendons().iter()).any(Tendon::holds_length);
         if !solved || !holds {
@@ -365,38 +382,6 @@ impl ContactSettler {
         }
         let (solved, steps) = self.descend(Hardness::of_barrier(last), self.tolerance);
         self.refine(solved, iterations + steps)
-    }
-
-    /// Solves from near the solution: at once, or where that fails under barriers that fall to the last, each solve starting from the one
-    /// before (Nocedal and Wright, Numerical Optimization, ch. 19.1). Whether it is solved, and the number of steps.
-    fn descend_near(&mut self) -> (bool, usize) {
-        let last = self.last_barrier();
-        let start = self.equations.iterate.configuration.clone();
-        let (solved, mut iterations) = self.descend(Hardness::of_barrier(last), self.tolerance);
-        if solved {
-            return self.refine(solved, iterations);
-        }
-        self.equations.iterate.set(&start);
-        let mut barrier = NEAR_BARRIER * self.tolerance;
-        while barrier > last * (1.0 + 1e-9) {
-            let loose = self.tolerance.max(LOOSE_BARRIER * barrier);
-            iterations += self.descend(Hardness::of_barrier(barrier), loose).1;
-            barrier = last.max(NEXT * barrier);
-        }
-        let (solved, steps) = self.descend(Hardness::of_barrier(last), self.tolerance);
-        (solved, iterations + steps)
-    }
-
-    /// One step more where a solve among contacts has taken any: the residual that counts as solved leaves more error along the soft
-    /// directions than differences of equilibria near each other can bear. Whether that is solved, and the number of all steps.
-    fn refine(&mut self, solved: bool, iterations: usize) -> (bool, usize) {
-        let hardness = self.equations.hardness;
-        let is_done = !solved || iterations == 0 || self.equations.is_alone();
-        if is_done || !self.equations.predict(hardness) {
-            return (solved, iterations);
-        }
-        let (solved, steps) = self.descend(hardness, self.tolerance);
-        (solved, iterations + 1 + steps)
     }
 
     /// Minimises the energy with contacts of a hardness until the residual is within a tolerance (N m). Whether that was reached, and the

@@ -16,7 +16,6 @@ use crate::chain::Configuration;
 use crate::energy::Pressing;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
-use crate::solve::largest_turn;
 
 /// What a robot touches along its path.
 #[derive(Clone, Debug)]
@@ -175,17 +174,12 @@ impl Touching {
         dense::add_stiffness(&self.step.pressing, chain, jacobian);
     }
 
-    /// Shortens a Newton step (rad) such that no bead passes through an obstacle; the share of it that is left.
-    pub fn keep_clear(&mut self, step: &mut [Vector3<f64>]) -> f64 {
+    /// Shortens a Newton step (rad) such that no bead passes through an obstacle.
+    pub fn keep_clear(&mut self, step: &mut [Vector3<f64>]) {
         let equations = &mut self.settler.equations;
-        let whole = largest_turn(step);
         equations.iterate.step.copy_from_slice(step);
         equations.keep_clear();
         step.copy_from_slice(&equations.iterate.step);
-        match largest_turn(step) {
-            kept if kept < whole => kept / whole,
-            _ => 1.0,
-        }
     }
 
     /// Takes note of the whole step (rad).

@@ -7,6 +7,8 @@
 //! |---|---|---|---|
 //! | `statics::descent` | gradient of the energy | factor in O(n), the Hessian made positive definite | energy |
 //! | `statics::following` | the same, and loads without a potential | LU in O(n), dense where that is inaccurate | squared residual |
+//! | `contact::descent` | the same with contacts | LDL in O(n), made positive definite | energy |
+//! | `contact::mixed` | the same with the contacts' forces | LDL in O(n) | next simplified step |
 //! | `tendon_friction::balance` | moments with friction of the tendons | LU in O(n), dense where that is inaccurate | next simplified step |
 //! | `tendon_friction::balance::pressed` | the same with contacts | dense LU | next simplified step |
 
@@ -19,6 +21,9 @@ pub(crate) use iterate::{Iterate, largest_turn, turn_between};
 pub(crate) use lengths::{MAX_CORRECTIONS, correct_rest_lengths, length_errors};
 
 use std::iter::successors;
+
+/// A Newton step that turns no joint by more than this (rad) is taken as it is.
+const ROUNDING: f64 = 1e-9;
 
 /// Equations for the configuration of a robot.
 pub(crate) trait System {
@@ -41,6 +46,30 @@ pub(crate) trait System {
     /// Evaluates the merit at the iterate, which was moved by `share` of the step. Whether it is low
     /// enough there to go on; not if it is no number.
     fn accepts(&mut self, model: &Self::Model, share: f64) -> bool;
+}
+
+/// A Newton step that is accepted where the next correction by the same Jacobian is smaller (natural monotonicity test: Deuflhard, Newton
+/// Methods for Nonlinear Problems, ch. 3), whatever the units of the equations.
+pub(crate) struct Correction {
+    /// Largest turn of a joint in the whole step (rad).
+    size: f64,
+    /// Share of the whole step that is taken at most.
+    limit: f64,
+}
+
+impl Correction {
+    /// A whole step that would turn joints by `size` (rad) at most, of which what turns them by `taken` is taken.
+    pub fn new(size: f64, taken: f64) -> Self {
+        let limit = if taken < size { taken / size } else { 1.0 };
+        Self { size, limit }
+    }
+
+    /// Whether a share of it leads to where the next correction turns joints by `next` (rad) at most: much less than it does. Not if
+    /// one is no number.
+    pub fn improves(&self, share: f64, next: f64) -> bool {
+        let enough = next <= (1.0 - 0.25 * share * self.limit) * self.size;
+        self.size.is_finite() && (enough || self.size * share < ROUNDING)
+    }
 }
 
 /// Newton's method with a line search (Nocedal and Wright, Numerical Optimization, ch. 3 and 11.2), from the

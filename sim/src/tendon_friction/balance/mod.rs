@@ -23,14 +23,13 @@ use super::{SlipState, TendonProfile};
 use crate::chain::Configuration;
 use crate::energy::{DeadForces, Expansion, Potential, Pressing, following};
 use crate::robot::{Loads, Robot};
-use crate::solve::{Iterate, MAX_CORRECTIONS, System, largest_turn, length_errors, newton};
+use crate::solve::{
+    Correction, Iterate, MAX_CORRECTIONS, System, largest_turn, length_errors, newton,
+};
 use linear::Linear;
 
 /// Largest turn of a joint in one Newton step (rad).
 const MAX_TURN: f64 = 0.2;
-/// A Newton step that turns no joint by more than this (rad) is taken as it is.
-const ROUNDING: f64 = 1e-9;
-
 /// How the slip states are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SlipRule {
@@ -240,23 +239,8 @@ struct Substep<'a> {
     before: &'a [TendonProfile],
 }
 
-/// A Newton step.
-pub(super) struct Step {
-    /// Largest turn of a joint in the whole step (rad).
-    size: f64,
-    /// Share of the whole step that is taken at most.
-    limit: f64,
-}
-
-impl Step {
-    /// Whether a share of it leads to where the simplified correction turns joints by `next` (rad) at most: much less than it.
-    fn improves(&self, share: f64, next: f64) -> bool {
-        next <= (1.0 - 0.25 * share * self.limit) * self.size || self.size * share < ROUNDING
-    }
-}
-
 impl System for Substep<'_> {
-    type Model = Step;
+    type Model = Correction;
     const MAX_STEPS: usize = 40;
     const MAX_TRIALS: usize = 12;
 
@@ -269,7 +253,7 @@ impl System for Substep<'_> {
         self.balance.residual() <= self.balance.tolerance
     }
 
-    fn newton_step(&mut self) -> Step {
+    fn newton_step(&mut self) -> Correction {
         let balance = &mut *self.balance;
         balance.evaluate(self.before, SlipRule::Assumed);
         balance.linearise();
@@ -278,19 +262,15 @@ impl System for Substep<'_> {
             .iterate
             .step
             .copy_from_slice(&balance.linear.solution);
-        Step {
-            size: largest_turn(&balance.linear.solution),
-            limit: balance.iterate.limit_step(MAX_TURN),
-        }
+        balance.iterate.limit_step(MAX_TURN);
+        let size = largest_turn(&balance.linear.solution);
+        Correction::new(size, largest_turn(&balance.iterate.step))
     }
 
     /// Where the simplified correction, by the Jacobian at the start of the step, is smaller than the step.
     /// Then revises the assumptions on the contacts.
-    fn accepts(&mut self, model: &Step, share: f64) -> bool {
+    fn accepts(&mut self, model: &Correction, share: f64) -> bool {
         let balance = &mut *self.balance;
-        if !model.size.is_finite() {
-            return false;
-        }
         balance.lay();
         balance.evaluate(self.before, SlipRule::Assumed);
         balance.newton_step();

@@ -1,8 +1,8 @@
 //! The solve of one substep of a path among obstacles: the balance with the forces of contacts in it.
 
-use super::{Balance, MAX_TURN, SlipRule, Step};
+use super::{Balance, MAX_TURN, SlipRule};
 use crate::contact::Touching;
-use crate::solve::{Iterate, System, largest_turn, newton};
+use crate::solve::{Correction, Iterate, System, largest_turn, newton};
 use crate::tendon_friction::TendonProfile;
 
 /// A substep from `before`.
@@ -41,7 +41,7 @@ impl Balance {
 }
 
 impl System for Pressed<'_> {
-    type Model = Step;
+    type Model = Correction;
     // Fewer than without obstacles: a shorter substep leads on sooner than a set that alternates.
     const MAX_STEPS: usize = 20;
     const MAX_TRIALS: usize = 8;
@@ -59,7 +59,7 @@ impl System for Pressed<'_> {
         balance.residual() <= balance.tolerance
     }
 
-    fn newton_step(&mut self) -> Step {
+    fn newton_step(&mut self) -> Correction {
         let (balance, touching) = (&mut *self.balance, &mut *self.touching);
         balance.pressing.clone_from(touching.begin_step());
         balance.evaluate(self.before, SlipRule::Assumed);
@@ -72,18 +72,16 @@ impl System for Pressed<'_> {
         let step = &mut balance.iterate.step;
         step.copy_from_slice(&balance.linear.solution);
         let size = largest_turn(step);
-        let kept = touching.keep_clear(step);
-        let limit = kept * balance.iterate.limit_step(MAX_TURN);
-        touching.predict(&balance.iterate.step);
-        Step { size, limit }
+        touching.keep_clear(step);
+        balance.iterate.limit_step(MAX_TURN);
+        let step = &balance.iterate.step;
+        touching.predict(step);
+        Correction::new(size, largest_turn(step))
     }
 
     /// As without obstacles.
-    fn accepts(&mut self, model: &Step, share: f64) -> bool {
+    fn accepts(&mut self, model: &Correction, share: f64) -> bool {
         let (balance, touching) = (&mut *self.balance, &mut *self.touching);
-        if !model.size.is_finite() {
-            return false;
-        }
         let Some(pressing) = touching.press_step(&balance.iterate.configuration, share) else {
             return false;
         };

@@ -5,6 +5,7 @@ mod derivatives;
 mod friction;
 mod hostile;
 mod itself;
+mod paths;
 mod planar;
 mod random;
 mod scenes;

@@ -1,0 +1,67 @@
+//! Paths of commands among obstacles without friction.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use tdcr_sim::contact::{ContactEquilibrium, ContactSettler};
+use tdcr_sim::robot::{Loads, Robot};
+use tdcr_sim::statics::Stability;
+
+use super::scenes::scene;
+
+/// Steps of commands by up to a twentieth of their range, in which beads begin and cease to touch: all settle, where they settle from
+/// the straight pose or on another branch, and most do in few steps of Newton's method.
+#[test]
+fn coarse_paths_settle_in_few_steps() {
+    for name in ["2m", "3m", "5m"] {
+        let robot = Robot::load(name).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(36);
+        let (mut steps, mut same) = (Vec::new(), 0);
+        while steps.len() < 300 {
+            let scene = scene(&mut rng, &robot);
+            let (mut follower, mut settler) = (
+                ContactSettler::new(&robot, &scene),
+                ContactSettler::new(&robot, &scene),
+            );
+            let start = robot.mean_command();
+            if follower.settle(&start, &Loads::default()).is_err() {
+                continue;
+            }
+            let mut command = start.as_slice().to_vec();
+            for _ in 0..40 {
+                for value in &mut command {
+                    *value = (*value + rng.random_range(-2e-3..2e-3)).clamp(1e-3, 0.039);
+                }
+                let command = robot.command(&command).unwrap();
+                let found = follower.follow(&command, &Loads::default()).unwrap();
+                check(found, name);
+                if found.contacts.is_empty() {
+                    continue;
+                }
+                steps.push(found.equilibrium.iterations);
+                let other = settler.settle(&command, &Loads::default()).unwrap();
+                let [own, beside] = [found, other].map(|found| found.equilibrium.positions.last());
+                let apart = (own.unwrap() - beside.unwrap()).norm();
+                assert!(!(1e-9..1e-5).contains(&apart), "{name}: {apart} m");
+                same += usize::from(apart < 1e-9);
+            }
+        }
+        steps.sort_unstable();
+        let median = steps[steps.len() / 2];
+        eprintln!(
+            "{name}: {median} steps in the median, {same} of {}",
+            steps.len()
+        );
+        assert!(median <= 12, "{name}: {median}");
+        assert!(same > steps.len() / 2, "{name}: {same}");
+    }
+}
+
+fn check(found: &ContactEquilibrium, name: &str) {
+    let at = &found.equilibrium;
+    assert!(at.converged, "{name}: {:e} N m", at.residual);
+    assert_ne!(at.stability, Some(Stability::Unstable));
+    assert!(
+        at.residual <= 1e-9 && found.complementarity <= 1e-12,
+        "{name}"
+    );
+}
