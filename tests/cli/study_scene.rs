@@ -178,8 +178,6 @@ fn scenes_that_no_study_has_are_refused_by_their_key() {
         &study("").replace("[set]", "[set]\nscene = \"post.toml\""),
         "the key `scene` above all tables",
     );
-    let hysteresis = study("scene = \"post.toml\"\n").replace("\"tip\"", "\"hysteresis\"");
-    refused(&hysteresis, "no such output in a scene");
     let number = study("").replace(
         "\"payload\"\nvalues = [0.0, 0.01]",
         "\"scene\"\nvalues = [1]",

@@ -44,7 +44,7 @@ enum Start {
     Near,
     /// From the last equilibrium, from which on friction counts.
     Before,
-    /// From beside an unstable equilibrium, on the way from the last.
+    /// The same from beside the equilibrium that is sought, or an unstable one.
     Beside,
 }
 
@@ -322,7 +322,7 @@ impl ContactSettler {
             }
             // Until friction is bounded by the normal forces that it leads to.
             self.equations.press_bristles();
-            let (still, steps) = self.hold(command, start);
+            let (still, steps) = self.hold(command, Start::Beside);
             iterations += steps;
             solved = still && lag < MAX_LAGS;
             if steps == 0 {

@@ -26,7 +26,9 @@ pub(super) fn figure(study: &Study, cases: &Cases, note: &str) -> Option<StudyFi
             let robot = case::robot(study, &case.settings).ok()?;
             let command = case::command(&robot, &case.settings, case.command.as_deref()).ok()?;
             let loads = case::loads(&robot, &case.settings).ok()?;
-            let course = TipLoop::new(&robot, &command, &loads, study.hysteresis)?.course();
+            let scene = case::scene(study, &case.settings).ok()?;
+            let found = TipLoop::new((&robot, &scene), &command, &loads, study.hysteresis)?;
+            let course = found.course();
             Some(Mark {
                 name: phrase(cases.levels(which).get(varied..=varied).unwrap_or_default()),
                 shape: Shape::Line,

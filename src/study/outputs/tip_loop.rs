@@ -2,8 +2,9 @@
 
 use nalgebra::Vector3;
 use tdcr_sim::robot::{Command, Loads, Robot};
+use tdcr_sim::scene::Scene;
 use tdcr_sim::statics::Equilibrium;
-use tdcr_sim::tendon_friction::FrictionPath;
+use tdcr_sim::tendon_friction::ContactPath;
 
 use crate::study::spec::HysteresisLoop;
 
@@ -18,9 +19,9 @@ pub(in crate::study) struct TipLoop {
 }
 
 impl TipLoop {
-    /// From `command`; `None` where the path breaks off or leaves a tendon's range.
+    /// From `command`, among the obstacles of a scene; `None` where the path breaks off or leaves a tendon's range.
     pub fn new(
-        robot: &Robot,
+        (robot, scene): (&Robot, &Scene),
         command: &Command,
         loads: &Loads,
         about: HysteresisLoop,
@@ -31,7 +32,7 @@ impl TipLoop {
             .chain((0..about.points).rev())
             .map(at)
             .collect();
-        let mut path = FrictionPath::new(robot);
+        let mut path = ContactPath::new(robot, scene);
         let tip = |equilibrium: &Equilibrium| {
             (equilibrium.converged).then(|| equilibrium.pose().tip().translation.vector)
         };
@@ -43,7 +44,8 @@ impl TipLoop {
             let step = match place {
                 0 => path.start(&command, loads),
                 _ => path.advance(&command, loads),
-            };
+            }
+            .ok()?;
             tips.push(tip(&step.equilibrium)?);
         }
         Some(Self {

@@ -9,6 +9,7 @@ use tdcr_sim::chain::Configuration;
 use tdcr_sim::contact::ContactEquilibrium;
 use tdcr_sim::pose::ToolFrame;
 use tdcr_sim::robot::{Command, Loads, Robot};
+use tdcr_sim::scene::Scene;
 use tdcr_sim::sensitivity::Sensitivity;
 use tdcr_sim::statics::{Equilibrium, Examined, Stability};
 
@@ -29,6 +30,7 @@ const APART: f64 = 1e-5;
 pub(super) struct Settled<'a> {
     pub study: &'a Study,
     pub robot: &'a Robot,
+    pub scene: &'a Scene,
     pub command: &'a Command,
     pub loads: &'a Loads,
     pub found: &'a ContactEquilibrium,
@@ -122,7 +124,7 @@ impl Settled<'_> {
             }
             Output::Hysteresis => {
                 let about = self.study.hysteresis;
-                let found = TipLoop::new(self.robot, self.command, self.loads, about);
+                let found = TipLoop::new((self.robot, self.scene), self.command, self.loads, about);
                 let numbers_of_loop =
                     found.map(|found| [found.width(), found.area(), found.dissipated]);
                 numbers(&numbers_of_loop.unwrap_or([f64::NAN; 3]))

@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 use tdcr_sim::robot::Robot;
+use tdcr_sim::scene::Scene;
 
 use super::measure::{Settled, settle};
 use super::solver::Solver;
@@ -27,6 +28,7 @@ type Compiled = (Vec<Value>, Result<Ready, String>);
 /// What configurations are computed with.
 struct Ready {
     robot: Robot,
+    scene: Scene,
     settler: Solver,
     /// The model that is tried on the robot.
     probe: Option<Probe>,
@@ -68,6 +70,7 @@ impl<'a> Worker<'a> {
         let study = self.study;
         let Ready {
             robot,
+            scene,
             settler,
             probe,
         } = self.compiled(&case.settings)?;
@@ -111,6 +114,7 @@ impl<'a> Worker<'a> {
         let settled = Settled {
             study,
             robot,
+            scene,
             command: &command,
             loads: &loads,
             found: &found,
@@ -146,9 +150,11 @@ fn ready(study: &Study, settings: &[Setting]) -> Result<Ready, String> {
     let robot = case::robot(study, settings)?;
     let models = study.models.as_ref();
     let probe = models.map(|models| models.probe(settings, &robot, study.seed));
+    let scene = case::scene(study, settings)?;
     Ok(Ready {
-        settler: Solver::new(&robot, &case::scene(study, settings)?),
+        settler: Solver::new(&robot, &scene),
         probe: probe.transpose()?,
         robot,
+        scene,
     })
 }

@@ -1,4 +1,4 @@
-//! Scenes of a study: which there are, and what is not computed in them.
+//! Scenes of a study: which there are, and what cannot be said without any.
 
 use std::path::Path;
 
@@ -39,16 +39,12 @@ fn whole(scene: Scene) -> Result<Scene, SceneError> {
 }
 
 impl Study {
-    /// Refuses an output of obstacles without any, and what is not computed among them.
+    /// Refuses an output of obstacles without any.
     pub(super) fn check_scenes(&self) -> Result<(), Refusal> {
         let around = self.all_scenes().any(|scene| !scene.is_empty());
         if !around && self.want.contains(&Output::Contact) {
             let output = Output::Contact.name();
             return Err(Refusal::NoScene { output });
-        }
-        if around && self.want.contains(&Output::Hysteresis) {
-            let expected = "no such output in a scene, where tendons have no friction";
-            return Err(Refusal::value("want", "\"hysteresis\"", expected));
         }
         Ok(())
     }

@@ -25,7 +25,7 @@ impl ContactSettler {
         let last = Hardness::of_barrier(self.last_barrier());
         let start = self.equations.iterate.configuration.clone();
         let mixed = match from {
-            Start::Before if self.equations.bristles.is_empty() => self.balance().1,
+            Start::Before => self.balance().1,
             _ => 0,
         };
         let (solved, steps) = self.descend(last, self.tolerance);
@@ -51,14 +51,17 @@ impl ContactSettler {
     /// and the number of steps; where it is not the robot stays.
     fn balance(&mut self) -> (bool, usize) {
         let from = self.equations.iterate.configuration.clone();
+        let bristles = self.equations.bristles.clone();
         let (solved, iterations) = self.balance_at_once();
         if solved {
             return (true, iterations);
         }
         self.go_back(&from);
+        self.equations.bristles.clone_from(&bristles);
         let (led, steps) = self.balance_in_parts();
         if !led {
             self.go_back(&from);
+            self.equations.bristles = bristles;
         }
         (led, iterations + steps)
     }
