@@ -133,29 +133,32 @@ fn random_scene(friction: f64, rng: &mut ChaCha8Rng) -> Scene {
     Scene::new(placed.to_vec()).unwrap()
 }
 
-/// The same as of the settler, whose friction is lagged; the path takes more substeps where beads begin to touch, and so its anchors are
-/// others, by little in small steps.
+/// Without friction of the post, either; with it, in steps so small that where beads begin to stick matters little, but for where they
+/// come and go: compared at every sixteenth.
 #[test]
 fn without_friction_of_tendons_a_path_is_that_of_contacts() {
     let robot = rough_robot(0.0);
-    for (friction, steps, near) in [(0.0, 6, 1e-8), (0.3, 96, 1e-4)] {
+    for (friction, steps, every, near) in [(0.0, 6, 1, 1e-8), (0.3, 96, 16, 2e-5)] {
         let scene = post(0.05, friction);
         let mut expected = ContactSettler::new(&robot, &scene);
         let mut found = ContactPath::new(&robot, &scene).with_resolution(1.0);
         let mut touched = 0;
-        for command in bends(&robot, steps) {
-            let expected = expected.follow(&command, &Loads::default()).unwrap();
-            let state = found.advance(&command, &Loads::default()).unwrap();
-            assert!(state.equilibrium.converged);
+        for (step, command) in bends(&robot, steps).iter().enumerate() {
+            let expected = expected.follow(command, &Loads::default()).unwrap();
+            let state = found.advance(command, &Loads::default()).unwrap();
+            assert!(state.equilibrium.converged && expected.equilibrium.converged);
+            if step % every != 0 {
+                continue;
+            }
             let apart = (tip(state) - expected.equilibrium.positions[9]).norm();
-            assert!(apart < near, "{friction} {apart}");
+            assert!(apart < near, "{friction} {step}: {apart}");
             assert_eq!(found.contacts().len(), expected.contacts.len());
             for (own, other) in found.contacts().iter().zip(&expected.contacts) {
                 assert!((own.force - other.force).norm() < 1e3 * near, "{friction}");
                 touched += 1;
             }
         }
-        assert!(touched > 8);
+        assert!(touched > 5);
     }
 }
 

@@ -1,12 +1,15 @@
-//! Paths of commands among obstacles without friction.
+//! Paths of commands among obstacles.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::contact::{ContactEquilibrium, ContactSettler};
 use tdcr_sim::robot::{Loads, Robot};
+use tdcr_sim::scene::{Obstacle, Scene};
 use tdcr_sim::statics::Stability;
 
 use super::scenes::scene;
+
+const FRICTION: f64 = 0.3;
 
 /// Steps of commands by up to a twentieth of their range, in which beads begin and cease to touch: all settle, where they settle from
 /// the straight pose or on another branch, and most do in few steps of Newton's method.
@@ -54,6 +57,56 @@ fn coarse_paths_settle_in_few_steps() {
         assert!(median <= 12, "{name}: {median}");
         assert!(same > steps.len() / 2, "{name}: {same}");
     }
+}
+
+/// With friction, in smaller steps: forces are within their cones.
+#[test]
+fn paths_with_friction_settle_in_few_steps() {
+    let robot = Robot::load("3m").unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let (mut steps, mut unsettled) = (Vec::new(), 0);
+    while steps.len() < 200 {
+        let scene = rough(&scene(&mut rng, &robot));
+        let mut follower = ContactSettler::new(&robot, &scene);
+        let start = robot.mean_command();
+        if follower.settle(&start, &Loads::default()).is_err() {
+            continue;
+        }
+        let mut command = start.as_slice().to_vec();
+        for _ in 0..40 {
+            for value in &mut command {
+                *value = (*value + rng.random_range(-5e-4..5e-4)).clamp(1e-3, 0.039);
+            }
+            let command = robot.command(&command).unwrap();
+            let found = follower.follow(&command, &Loads::default()).unwrap();
+            if !found.equilibrium.converged {
+                unsettled += 1;
+                break;
+            }
+            if found.contacts.is_empty() {
+                continue;
+            }
+            steps.push(found.equilibrium.iterations);
+            for contact in &found.contacts {
+                let along = contact.force.dot(&contact.normal);
+                let across = (contact.force - contact.normal * along).norm();
+                assert!(across <= FRICTION * along + 1e-6, "{across} {along}");
+            }
+        }
+    }
+    steps.sort_unstable();
+    let median = steps[steps.len() / 2];
+    eprintln!("{median} steps in the median, {unsettled} not settled");
+    assert!(
+        median <= 40 && unsettled * 50 <= steps.len(),
+        "{median} {unsettled}"
+    );
+}
+
+/// A scene in which all surfaces resist sliding.
+fn rough(scene: &Scene) -> Scene {
+    let rough = |obstacle: &Obstacle| obstacle.clone().with_friction(FRICTION).unwrap();
+    Scene::new(scene.obstacles().iter().map(rough).collect()).unwrap()
 }
 
 fn check(found: &ContactEquilibrium, name: &str) {
