@@ -160,17 +160,19 @@ struct Fit {
     left: f64,
 }
 
+/// Share of the sums of a [`Fit`] that is kept in a period: noise of the periods in which the tip rested must not hide how it starts.
+const KEPT_IN_FITS: f64 = 0.95;
 /// Part of the model's motion that binds the matrix of a [`Fit`] to the identity.
 const BOUND: f64 = 0.01;
 /// What steps leave without telling anything (m²).
-const NOTHING: f64 = 1e-7;
+const NOTHING: f64 = 1e-8;
 
 impl Fit {
     fn see(&mut self, step: Vector3<f64>, model: Vector3<f64>) {
         let left = step - model;
-        self.model = self.model * KEPT + model * model.transpose();
-        self.left_by_model = self.left_by_model * KEPT + left * model.transpose();
-        self.left = self.left * KEPT + left.norm_squared();
+        self.model = self.model * KEPT_IN_FITS + model * model.transpose();
+        self.left_by_model = self.left_by_model * KEPT_IN_FITS + left * model.transpose();
+        self.left = self.left * KEPT_IN_FITS + left.norm_squared();
     }
 
     /// What the best `I + D` leaves (m²), `D` symmetric: `D G + G D = C + C'` for `G = Σ m m'` and `C = Σ e m'`, solved along the principal directions

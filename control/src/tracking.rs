@@ -256,6 +256,8 @@ impl Ahead<'_> {
 struct Run<'s> {
     settings: &'s TrackingSettings,
     estimator: Estimator,
+    /// The estimator before any measurement.
+    prior: Estimator,
     given: Belief,
     watch: Watch,
     lag: Lag,
@@ -292,10 +294,12 @@ impl<'s> Run<'s> {
         }
         let start = robot.command(start.as_slice())?.as_slice().to_vec();
         let length = robot.arc_lengths().last().copied().unwrap_or(0.0);
+        let estimator = Estimator::new(robot, &settings.loads, settings.estimator.clone())?
+            .among(&settings.scene)?;
         Ok(Self {
             settings,
-            estimator: Estimator::new(robot, &settings.loads, settings.estimator.clone())?
-                .among(&settings.scene)?,
+            prior: estimator.clone(),
+            estimator,
             given: Belief::new(robot, &settings.loads, &[])?.among(&settings.scene)?,
             watch: Watch::new(settings.watch, plant.period(), length),
             lag: Lag::new(settings.delay),
@@ -324,6 +328,17 @@ impl<'s> Run<'s> {
         measurement.origin_of(self.tip_disc)
     }
 
+    /// Takes in where the tip is (m) to tell the delay. Where that changes, measurements so far were taken for answers to other commands than they
+    /// are of, and what they told of the model is forgotten.
+    fn observe_delay(&mut self, tip: Option<Vector3<f64>>) {
+        let before = self.lag.periods();
+        self.lag.measure(tip);
+        if self.lag.periods() != before {
+            self.jacobian.forget();
+            self.estimator = self.prior.clone();
+        }
+    }
+
     fn command(&self, robot: &Robot) -> Result<Command, CommandError> {
         robot.command(&self.commands[0])
     }
@@ -340,9 +355,8 @@ impl<'s> Run<'s> {
         let (time, wanted) = (ahead.time(), ahead.wanted());
         let target = |periods: usize| ahead.target(periods);
         let now = self.commands[0].clone();
-        let delay = self.lag.periods();
         if measured.is_some() {
-            self.lag.measure(measured);
+            self.observe_delay(measured);
         }
         let acting = self.commands[self.lag.periods()].clone();
         let estimated = self.estimator.update(&acting, measurement, self.period);
@@ -354,10 +368,7 @@ impl<'s> Run<'s> {
             (None, false) => None,
         };
         if measured.is_none() {
-            self.lag.measure(tip);
-        }
-        if self.lag.periods() != delay {
-            self.jacobian.forget();
+            self.observe_delay(tip);
         }
         let acting = self.commands[self.lag.periods()].clone();
         // A tip that is the model's, told from a cloud, says nothing beside the model.

@@ -125,6 +125,10 @@ fn an_obstacle_that_no_model_has_is_said_and_is_a_smaller_error_than_in_open_loo
         let error = run.rms_error().unwrap();
         eprintln!("{name}: {error:.6} m, in open loop {open_loop:.6} m");
         assert!(error < 0.6 * open_loop, "{name}: {error} {open_loop}");
+        assert!(
+            run.rows.iter().all(|row| row.delay == 0),
+            "{name}: no delay"
+        );
         let mut incidents = run.incidents.iter();
         let said = "something that the model does not know of may touch the robot";
         is_said |= incidents.any(|incident| incident.reason.contains(said));

@@ -82,13 +82,11 @@ fn an_unknown_delay_is_told_and_made_up_for() {
         Box::<Predictive>::default(),
     ] {
         let run = tracked(&robot, &mut *controller, late);
-        assert_eq!(run.rows.last().unwrap().delay, 2, "{}", controller.name());
-        assert!(
-            percent(&run) < 0.7,
-            "{}: {} %",
-            controller.name(),
-            percent(&run)
-        );
+        let name = controller.name();
+        // The first command of the path moves the tip 0.15 s later.
+        let mut later = run.rows.iter().filter(|row| row.time > 0.2);
+        assert!(later.all(|row| row.delay == 2), "{name}");
+        assert!(percent(&run) < 0.7, "{name}: {} %", percent(&run));
     }
 }
 

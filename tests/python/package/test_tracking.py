@@ -86,8 +86,8 @@ def test_a_simulated_robot_is_led_as_by_the_command_line(tmp_path: Path) -> None
     command = [os.environ.get("TDCR", "tdcr"), *arguments]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert json.loads(printed) == run.summary
-    # The closed loop first learns of the delay, by a way of 3 mm.
-    assert run.open_loop is not None and run.open_loop[:, 1].max() > 1.5 * run.summary["largest_error"]
+    # The closed loop learns of the delay from its first steps on the path.
+    assert run.open_loop is not None and run.open_loop[:, 1].max() > 2.0 * run.summary["largest_error"]
     assert run.summary["rms_error_open_loop"] > 5.0 * run.summary["rms_error"]
     assert "Estimated payload" in report.read_text()
 
