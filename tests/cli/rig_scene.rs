@@ -118,3 +118,19 @@ fn a_capture_through_a_wall_is_of_a_robot_that_the_wall_holds() {
     let obstacle = &settings["simulation"]["scene"]["obstacle"][0];
     assert_eq!(obstacle["name"], "wall", "{settings}");
 }
+
+/// The rate is refused once the path's first point was found to be within reach, and before anything moves.
+#[test]
+fn the_model_of_a_rig_that_tracks_has_its_scene_unless_another_is_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = rig_by_a_wall(folder.path(), "file = \"wall.toml\"\nclearance = 0.004");
+    let beside = folder.path().join("beside.toml");
+    fs::write(&beside, wall(0.5)).unwrap();
+    // The path begins 2 cm behind the wall's face.
+    let path = ["--path", "circle", "--centre", "0.02,0,0.325"];
+    let track = ["track", "--rig", text(&rig), "--rate", "0.5"];
+    let track = [&track[..], &path].concat();
+    refuse(&track, 1, "out of reach of robot");
+    let among = [&track[..], &["--scene", text(&beside)]].concat();
+    refuse(&among, 1, "the rate is 0.5 m/s");
+}
