@@ -56,6 +56,7 @@ def main() -> None:
     parser.add_argument("--height", type=float, default=0.38, help="of the curve's plane (m)")
     parser.add_argument("--controllers", nargs="+", default=["resolved-rate", "mpc"])
     parser.add_argument("--trials", type=int, default=5)
+    parser.add_argument("--seed", type=int, default=0, help="of noise and spools")
     parser.add_argument("--post", type=float, nargs=2, default=[0.03, 0.28], help="x and z of the obstacle (m)")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -76,8 +77,8 @@ def main() -> None:
             cells, open_loop = [], ""
             for controller in args.controllers:
                 command = [args.tdcr, "track", "--robot", ROBOT, "--path", str(path), "--period", "0.1", "--noise", "1e-4"]
-                command += [*options, "--controller", controller, "--trials", str(args.trials), "--json", "--quiet"]
-                done = subprocess.run(command, capture_output=True, text=True)
+                command += [*options, "--controller", controller, "--trials", str(args.trials), "--seed", str(args.seed)]
+                done = subprocess.run([*command, "--json", "--quiet"], capture_output=True, text=True)
                 if done.returncode != 0:
                     cells.append(done.stderr.strip())
                     continue
