@@ -157,6 +157,21 @@ def test_a_rig_is_led_along_a_circle_as_on_the_command_line() -> None:
     assert run.open_loop is None
 
 
+def test_the_model_of_a_rig_has_its_scene_unless_another_is_given(tmp_path: Path) -> None:
+    whole = (EXAMPLES / "rig-sim.toml").read_text().replace("paper-robot.toml", str(EXAMPLES / "paper-robot.toml"))
+    scene = '[scene]\nfile = "wall.toml"\nclearance = 0.004\n\n[motion]'
+    (tmp_path / "rig.toml").write_text(whole.replace("[motion]", scene, 1))
+    wall = '[[obstacle]]\nname = "wall"\nbox = { size = [0.02, 2.0, 2.0] }\nposition = [0.04, 0.0, 0.0]\n'
+    (tmp_path / "wall.toml").write_text(wall)
+    with tdcr.Rig(tmp_path / "rig.toml") as rig:
+        # It begins 2 cm behind the wall's face; the rate is refused after that, and before anything moves.
+        path = {"plant": rig, "centre": (0.02, 0.0, 0.325), "rate": 0.5}
+        with pytest.raises(InputError, match="out of reach of robot"):
+            tdcr.track(rig.robot, "circle", **path)
+        with pytest.raises(InputError, match="the rate is 0.5 m/s"):
+            tdcr.track(rig.robot, "circle", scene=tdcr.Scene([]), **path)
+
+
 def test_a_horizon_of_the_motion_does_not_ring() -> None:
     spec = importlib.util.spec_from_file_location("mpc", EXAMPLES / "python/mpc.py")
     mpc = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]
