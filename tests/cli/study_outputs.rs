@@ -174,24 +174,24 @@ fn latin_hypercubes_in_parts_tell_workspace_and_dexterity_as_one_run() {
     );
 }
 
-/// A robot whose tendons slide freely comes back as it went, but for the post that it rubs on.
+/// A robot whose tendons slide freely comes back as it went, but for the wall that it rubs on.
 #[test]
 fn an_obstacle_that_rubs_opens_a_hysteresis_loop() {
     let folder = tempfile::tempdir().unwrap();
-    let post = "[[obstacle]]\nname = \"post\"\ncylinder = { radius = 0.01, length = 0.4 }\nposition = [0.05, 0.006, 0.27]\n";
+    let wall = "[[obstacle]]\nname = \"wall\"\nbox = { size = [0.02, 1.0, 1.0] }\nposition = [0.05, 0.0, 0.3]\n";
     let study = "want = [\"hysteresis\"]\nset = { command = 0.03, stiffness = 0.2 }\nhysteresis = { by = -0.02 }\n\
                  [[vary]]\nwhat = \"scene\"\nvalues = [\"smooth.toml\", \"rough.toml\"]\n";
     let file = folder.path().join("study.toml");
     fs::write(&file, study).unwrap();
-    fs::write(folder.path().join("smooth.toml"), post).unwrap();
-    let rough = format!("{post}friction = 0.5\n");
+    fs::write(folder.path().join("smooth.toml"), wall).unwrap();
+    let rough = format!("{wall}friction = 0.5\n");
     fs::write(folder.path().join("rough.toml"), rough).unwrap();
     let out = folder.path().join("out");
     let finished = succeed_json(&["study", text(&file), "--out", text(&out)]);
     assert_eq!(finished["settled"], 2);
     let rows = table(&out.join("table.csv"));
     let widths: Vec<f64> = rows.iter().map(|row| number(row, "loop_width")).collect();
-    assert!(widths[0] < 1e-7 && widths[1] > 1e-4, "{widths:?}");
+    assert!(widths[0] < 1e-7 && widths[1] > 5e-5, "{widths:?}");
 }
 
 #[test]

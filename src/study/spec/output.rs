@@ -212,7 +212,7 @@ impl Output {
             "equilibria_apart" => "Largest distance between equilibria",
             "loop_width" => "Width of the hysteresis loop",
             "loop_area" => "Area of the hysteresis loop",
-            "loop_loss" => "Energy lost in a hysteresis loop",
+            "loop_loss" => "Energy lost in the holes in a hysteresis loop",
             "newton_steps" => "Newton steps",
             "settle_time" => "Time to settle",
             "model_cd" => "Chamfer distance",
