@@ -281,7 +281,6 @@ impl Equations {
     /// Factorises the Hessian with `stiffness` (N m/rad) added to every joint.
     pub fn factorise(&mut self, stiffness: f64) -> Option<Curvature> {
         self.joints.fill(Matrix3::identity() * stiffness);
-        // As `matrix` has it, which would borrow the factors, too.
         let matrix = ChainMatrix {
             expansion: &self.expansion,
             scale: 1.0,
@@ -290,18 +289,6 @@ impl Equations {
             bodies: &self.pressing.forms,
         };
         self.lu.factorise(&matrix, &self.pressing.pairs)
-    }
-
-    /// The Hessian but for pairs of discs, without any stiffness added.
-    pub fn matrix(&mut self) -> ChainMatrix<'_> {
-        self.joints.fill(Matrix3::zeros());
-        ChainMatrix {
-            expansion: &self.expansion,
-            scale: 1.0,
-            centres: &self.iterate.posture.chain.centres,
-            joints: &self.joints,
-            bodies: &self.pressing.forms,
-        }
     }
 
     /// Factorises the Hessian, where it is not positive definite with the joints stiffened alike until it is.

@@ -1,17 +1,14 @@
 //! Newton's method on the configuration and the contacts' forces at once, in O(n) a step: the way along a path.
 //!
-//! Which contacts bear, and which of those that rub slip, is an active set ([`ActiveStep`]), so that a step against stiff contacts is not
-//! cut where beads begin or cease to touch, as one down the energy is, and bounds of friction are none of the solve before. It may lead
-//! to an equilibrium of any stability, or nowhere.
+//! Nothing rubs. Which contacts bear is an active set ([`ActiveStep`]), so that a step against stiff contacts is not cut where beads begin
+//! or cease to touch, as one down the energy is. It may lead to an equilibrium of any stability, or nowhere.
 
 use nalgebra::Vector3;
 
 use super::active::ActiveStep;
 use super::equations::{Equations, MAX_TURN};
-use super::friction::Bristle;
 use super::law::Hardness;
 use crate::energy::Potential;
-use crate::factor::{ChainLu, Side};
 use crate::solve::{Correction, Iterate, System, largest_turn};
 
 /// The balance under one potential, with contacts that have no barrier.
@@ -19,9 +16,6 @@ pub(super) struct Mixed<'a> {
     equations: &'a mut Equations,
     potential: &'a Potential<'a>,
     active: &'a mut ActiveStep,
-    /// What resists sliding from the start on, and the factors of matrices that are not symmetric for it.
-    bristles: Vec<Bristle>,
-    rubbing: Option<ChainLu>,
     none: Vec<Vector3<f64>>,
     correction: Vec<Vector3<f64>>,
 }
@@ -37,41 +31,12 @@ impl<'a> Mixed<'a> {
         active.assume_lawful(equations);
         equations.set_hardness(Hardness::of_barrier(0.0), equations.tolerance);
         let none = vec![Vector3::zeros(); equations.joints.len()];
-        let rubs = !equations.bristles.is_empty();
         Self {
-            rubbing: rubs.then(|| ChainLu::new(&equations.expansion)),
-            bristles: equations.bristles.clone(),
             equations,
             potential,
             active,
             correction: none.clone(),
             none,
-        }
-    }
-
-    /// Takes the forces of the multipliers for those of the contacts.
-    fn take_forces(&mut self) {
-        let pressing = &mut self.equations.pressing;
-        pressing.clone_from(&self.active.pressing);
-    }
-
-    /// Factorises the matrix of a step; whether there is one.
-    fn factorise(&mut self) -> bool {
-        let equations = &mut *self.equations;
-        match &mut self.rubbing {
-            None => equations.factorise(0.0).is_some(),
-            // Not where discs of the robot press each other.
-            Some(_) if !equations.pressing.pairs.is_empty() => false,
-            Some(lu) => lu.factorise(&equations.matrix()).is_some(),
-        }
-    }
-
-    /// The step by these factors that leads the present moments to 0.
-    fn solve(&mut self) {
-        let (moments, out) = (&self.equations.gradient, &mut self.correction);
-        match &self.rubbing {
-            None => self.equations.lu.solve(moments, &self.none, out),
-            Some(lu) => lu.solve(moments, &self.none, Side::Matrix, out),
         }
     }
 
@@ -94,13 +59,6 @@ impl System for Mixed<'_> {
 
     fn is_solved(&mut self) -> bool {
         let equations = &mut *self.equations;
-        if !equations.is_found {
-            equations.find();
-        }
-        if self.rubbing.is_some() {
-            equations.bristles.clone_from(&self.bristles);
-            equations.press_bristles();
-        }
         equations.press();
         equations.grade_pressed(self.potential);
         // The largest of vectors, whatever they are.
@@ -108,29 +66,25 @@ impl System for Mixed<'_> {
     }
 
     fn newton_step(&mut self) -> Correction {
-        self.active.begin(self.equations, &self.bristles);
-        self.take_forces();
-        self.equations.expand_pressed(self.potential);
-        let Equations {
-            expansion,
-            gradient,
-            ..
-        } = &mut *self.equations;
-        expansion.gradient(gradient);
+        let equations = &mut *self.equations;
+        self.active.begin(equations, &[]);
+        equations.pressing.clone_from(&self.active.pressing);
+        equations.expand_pressed(self.potential);
+        equations.expansion.gradient(&mut equations.gradient);
         self.balance();
-        let factorised = self.factorise();
-        self.solve();
-        let size = match factorised {
-            true => largest_turn(&self.correction),
-            false => f64::NAN,
-        };
+        let factorised = self.equations.factorise(0.0).is_some();
         let equations = &mut *self.equations;
         equations.neighbourhood.begin_step();
-        equations.iterate.step.copy_from_slice(&self.correction);
+        let step = &mut equations.iterate.step;
+        equations.lu.solve(&equations.gradient, &self.none, step);
+        let size = match factorised {
+            true => largest_turn(step),
+            false => f64::NAN,
+        };
         equations.keep_clear();
         equations.iterate.limit_step(MAX_TURN);
         let step = &equations.iterate.step;
-        self.active.predict(equations, &self.bristles, step);
+        self.active.predict(equations, &[], step);
         Correction::new(size, largest_turn(step))
     }
 
@@ -140,15 +94,17 @@ impl System for Mixed<'_> {
             return false;
         }
         self.equations.find();
-        self.active.press(self.equations, &self.bristles, share);
-        self.take_forces();
-        self.equations.grade_pressed(self.potential);
+        self.active.press(self.equations, &[], share);
+        let equations = &mut *self.equations;
+        equations.pressing.clone_from(&self.active.pressing);
+        equations.grade_pressed(self.potential);
         self.balance();
-        self.solve();
+        let equations = &mut *self.equations;
+        (equations.lu).solve(&equations.gradient, &self.none, &mut self.correction);
         let accepted = model.improves(share, largest_turn(&self.correction));
         match accepted {
-            true => self.active.revise(self.equations, &self.bristles, share),
-            false => self.equations.is_found = false,
+            true => self.active.revise(equations, &[], share),
+            false => equations.is_found = false,
         }
         accepted
     }

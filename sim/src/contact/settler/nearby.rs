@@ -18,14 +18,14 @@ const LOOSE_BARRIER: f64 = 100.0;
 const LEAST_PART: f64 = 1.0 / 32.0;
 
 impl ContactSettler {
-    /// Solves from near the solution. From the last equilibrium, whose contacts' forces are known, by the balance with an active set; or else
+    /// Solves from near the solution. From the last equilibrium, whose contacts' forces are known, by the balance with an active set where nothing rubs; or else
     /// down the energy, at once or under barriers that fall to the last, each solve starting from the one before (Nocedal and Wright,
     /// Numerical Optimization, ch. 19.1). Whether it is solved, and the number of steps.
     pub(super) fn descend_near(&mut self, from: Start) -> (bool, usize) {
         let last = Hardness::of_barrier(self.last_barrier());
         let start = self.equations.iterate.configuration.clone();
         let mixed = match from {
-            Start::Before => self.balance().1,
+            Start::Before if self.equations.bristles.is_empty() => self.balance().1,
             _ => 0,
         };
         let (solved, steps) = self.descend(last, self.tolerance);
@@ -51,22 +51,19 @@ impl ContactSettler {
     /// and the number of steps; where it is not the robot stays.
     fn balance(&mut self) -> (bool, usize) {
         let from = self.equations.iterate.configuration.clone();
-        let bristles = self.equations.bristles.clone();
         let (solved, iterations) = self.balance_at_once();
         if solved {
             return (true, iterations);
         }
         self.go_back(&from);
-        self.equations.bristles.clone_from(&bristles);
         let (led, steps) = self.balance_in_parts();
         if !led {
             self.go_back(&from);
-            self.equations.bristles = bristles;
         }
         (led, iterations + steps)
     }
 
-    /// Takes a configuration again from which a solve led nowhere.
+    /// Goes back to where a solve began that led nowhere.
     fn go_back(&mut self, to: &Configuration) {
         self.equations.iterate.set(to);
         self.equations.neighbourhood.clear();
