@@ -25,7 +25,7 @@ pub(super) fn assemble(
     dir: &Path,
     meta: &Meta,
     sources: &[Blocks],
-    mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), DataError> {
     let mut done = 0;
     let steps = 2 * sources
@@ -49,7 +49,7 @@ pub(super) fn assemble(
 fn fit_normalisation(
     meta: &Meta,
     sources: &[Blocks],
-    step: &mut impl FnMut() -> Result<(), DataError>,
+    step: &mut dyn FnMut() -> Result<(), DataError>,
 ) -> Result<Normalisation, DataError> {
     let mut fit = NormalisationFit::new(meta.condition_dim());
     for blocks in sources {
@@ -70,7 +70,7 @@ fn write_shards(
     meta: &Meta,
     sources: &[Blocks],
     normalisation: &Normalisation,
-    step: &mut impl FnMut() -> Result<(), DataError>,
+    step: &mut dyn FnMut() -> Result<(), DataError>,
 ) -> Result<(), DataError> {
     // A shard is written while the next is gathered. Nobody waits in the channel: that would take more memory.
     let (full, shards) = sync_channel(0);
@@ -93,7 +93,7 @@ fn gather_shards(
     meta: &Meta,
     sources: &[Blocks],
     full: SyncSender<(PathBuf, Batch)>,
-    step: &mut impl FnMut() -> Result<(), DataError>,
+    step: &mut dyn FnMut() -> Result<(), DataError>,
 ) -> Result<(), DataError> {
     let splits = meta.splits()?;
     let mut gatherers = vec![];

@@ -163,13 +163,13 @@ impl Collector {
     /// can be tried again. A damaged block is made again once its file is removed.
     pub fn finish(
         self,
-        progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+        mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
     ) -> Result<(), DataError> {
         if !self.missing_blocks().is_empty() {
             return Err(DataError::Incomplete { path: self.dir });
         }
         let blocks = self.blocks.clone();
-        self.finish_of(&[blocks], progress)
+        self.finish_of(&[blocks], &mut progress)
     }
 
     /// Gives up what is being made. Where no sample is stored, what was put into the folder is removed, and the folder itself where
@@ -202,7 +202,7 @@ impl Collector {
     pub(super) fn finish_of(
         self,
         sources: &[Blocks],
-        progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+        progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
     ) -> Result<(), DataError> {
         let State::Collecting { _lock: lock, .. } = self.state else {
             return Ok(());

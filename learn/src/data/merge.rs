@@ -22,7 +22,7 @@ use super::part::PartFolder;
 pub fn merge(
     parts: &[PathBuf],
     out: &Path,
-    progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+    mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<Meta, DataError> {
     let mut folders = vec![];
     for dir in parts {
@@ -36,7 +36,7 @@ pub fn merge(
     }
     let sources: Vec<Blocks> = folders.into_iter().map(|folder| folder.blocks).collect();
     let meta = sources[0].meta.clone();
-    Collector::open(out, &meta)?.finish_of(&sources, progress)?;
+    Collector::open(out, &meta)?.finish_of(&sources, &mut progress)?;
     Ok(meta)
 }
 

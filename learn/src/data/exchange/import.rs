@@ -189,7 +189,7 @@ fn read_missing(
     clouds: &[PathBuf],
     motors: usize,
     settings: &ImportSettings,
-    progress: &mut impl FnMut(usize, usize) -> ControlFlow<()>,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<Grey, DataError> {
     let mut grey = Grey::default();
     let missing = collector.missing_blocks();
@@ -214,7 +214,7 @@ fn read_missing(
 
 /// Tells `progress` how many of how many are done, and whether it lets go on.
 fn go_on(
-    progress: &mut impl FnMut(usize, usize) -> ControlFlow<()>,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
     done: usize,
     count: usize,
 ) -> Result<(), DataError> {
@@ -366,7 +366,7 @@ pub fn export(
     set: &DataSet,
     format: ExportFormat,
     out: &Path,
-    progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+    mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<usize, DataError> {
     if let Some(found) = foreign_entry(out, &[STAGING.to_owned()])? {
         let path = out.to_owned();
@@ -375,7 +375,7 @@ pub fn export(
     // What a killed export left.
     let staging = out.join(STAGING);
     remove_folder(&staging)?;
-    let exported = export_to(set, format, &staging, progress).and_then(|count| {
+    let exported = export_to(set, format, &staging, &mut progress).and_then(|count| {
         for folder in Split::ALL.map(Split::folder) {
             let dir = out.join(folder);
             std::fs::rename(staging.join(folder), &dir).map_err(DataError::io("create", &dir))?;
@@ -390,12 +390,12 @@ fn export_to(
     set: &DataSet,
     format: ExportFormat,
     out: &Path,
-    mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<usize, DataError> {
     let sizes = Split::ALL.map(|split| Ok(set.samples(split)?.len()));
     let all = sizes.into_iter().sum::<Result<usize, DataError>>()?;
     let mut count = 0;
-    go_on(&mut progress, count, all)?;
+    go_on(progress, count, all)?;
     for split in Split::ALL {
         let dir = out.join(split.folder());
         std::fs::create_dir_all(&dir).map_err(DataError::io("create", &dir))?;
@@ -408,7 +408,7 @@ fn export_to(
             write_atomically(&path, |file| file.write_all(json.as_bytes()))
                 .map_err(DataError::io("write", &path))?;
             count += 1;
-            go_on(&mut progress, count, all)?;
+            go_on(progress, count, all)?;
         }
     }
     Ok(count)
