@@ -47,6 +47,16 @@ impl Scenes {
         self.0[0].obstacles().len()
     }
 
+    /// Whether each row has one of its own.
+    pub fn differ(&self) -> bool {
+        self.0.len() > 1
+    }
+
+    /// The scene of a row.
+    pub fn of_row(&self, row: usize) -> &tdcr::sim::scene::Scene {
+        &self.0[if self.differ() { row } else { 0 }]
+    }
+
     /// A settler for a row, the one at hand where it is of the same robot and scene.
     pub fn settler<'a>(
         &self,
@@ -54,12 +64,12 @@ impl Scenes {
         at_hand: &'a mut Option<tdcr::sim::contact::ContactSettler>,
         row: usize,
     ) -> &'a mut tdcr::sim::contact::ContactSettler {
-        if self.0.len() > 1 || batch.one_robot().is_err() {
+        if self.differ() || batch.one_robot().is_err() {
             *at_hand = None;
         }
-        let scene = &self.0[if self.0.len() == 1 { 0 } else { row }];
-        at_hand
-            .get_or_insert_with(|| tdcr::sim::contact::ContactSettler::new(batch.robot(row), scene))
+        at_hand.get_or_insert_with(|| {
+            tdcr::sim::contact::ContactSettler::new(batch.robot(row), self.of_row(row))
+        })
     }
 }
 

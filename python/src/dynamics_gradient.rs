@@ -17,9 +17,10 @@ use tdcr::sim::robot::Parameter;
 use tdcr::sim::simulation::{MovingRobot, Simulation, SimulationError};
 
 use crate::arrays::{array, contiguous};
-use crate::dynamics::{Around, End, Motions, Start, command_of, ended, failures, parts, state};
+use crate::dynamics::{command_of, parts, state};
 use crate::errors::Outcome;
 use crate::loads::Loads;
+use crate::motions::{Around, End, Motions, Start, ended, failures};
 use crate::robot::{Robot, parameters_of};
 use crate::run::{self, Watch};
 use crate::scene::Scene;
@@ -217,7 +218,7 @@ impl Question<'_> {
         };
         let (robot, timestep) = (motions.robot(row), self.steps.timestep);
         let parameters = &self.parameters;
-        let among = at_hand.as_ref().filter(|_| motions.scene.is_some());
+        let among = at_hand.as_ref().filter(|_| motions.scenes.is_some());
         let gradient = match among {
             Some(moving) => {
                 (moving.contact_stepper()).rollout_gradient(&rollout, &states, parameters, cost)
@@ -338,8 +339,7 @@ pub fn rollout_vjp_rows(
         true => none(length * 6 * n),
         false => Vec::new(),
     };
-    let obstacles = motions.scene.as_ref();
-    let obstacles = obstacles.map_or(0, |scene| scene.obstacles().len());
+    let obstacles = motions.obstacles();
     let mut by_obstacles = none(7 * obstacles);
     let ends: Vec<Outcome<End>> = run::long(py, progress.as_ref(), |watch| {
         let starts = parts(&mut by_configuration, rows).zip(parts(&mut by_velocity, rows));

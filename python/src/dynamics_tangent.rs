@@ -9,17 +9,20 @@ use tdcr::sim::robot::Parameter;
 use tdcr::sim::simulation::MovingRobot;
 
 use crate::arrays::{array, contiguous};
-use crate::dynamics::{Around, End, Motions, Start, failures, parts};
+use crate::dynamics::parts;
 use crate::dynamics_gradient::{Replayed, vectors};
 use crate::errors::Outcome;
 use crate::loads::Loads;
+use crate::motions::{Around, End, Motions, Start, failures};
 use crate::robot::{Robot, parameters_of};
 use crate::run::{self, Watch};
+use crate::scene_gradient::read_obstacles;
 use crate::sensitivity::quaternion_change;
 use crate::steps::Steps;
 
 /// How all that the rows depend on changes, as it comes from Python: commands (rows, commands, tendons), configuration (rows,
-/// discs, 4), velocity (rows, discs, 3), payload (rows,), wrench (rows, discs, 6), parameters (rows, parameters), and where they vary wrenches (rows, commands, discs, 6).
+/// discs, 4), velocity (rows, discs, 3), payload (rows,), wrench (rows, discs, 6), parameters (rows, parameters), where they vary
+/// wrenches (rows, commands, discs, 6), and the motion of each obstacle and its compliance (rows, obstacles, 7).
 #[derive(FromPyObject)]
 pub struct Rates<'py>(
     PyReadonlyArray3<'py, f64>,
@@ -29,6 +32,7 @@ pub struct Rates<'py>(
     PyReadonlyArray3<'py, f64>,
     PyReadonlyArray2<'py, f64>,
     Option<PyReadonlyArray4<'py, f64>>,
+    PyReadonlyArray3<'py, f64>,
 );
 
 /// The same, as numbers one after another.
@@ -41,6 +45,7 @@ struct Numbers {
     parameters: Vec<f64>,
     /// Empty where they do not vary.
     wrenches: Vec<f64>,
+    obstacles: Vec<f64>,
 }
 
 impl Numbers {
@@ -61,6 +66,8 @@ impl Numbers {
                 }
                 None => Vec::new(),
             },
+            obstacles: contiguous(&rates.7, "obstacle_rates", &[rows, motions.obstacles(), 7])?
+                .to_vec(),
         })
     }
 
@@ -99,6 +106,7 @@ impl Numbers {
             Some(payload) => payload.1 += self.payload[row],
             None => parameters.push((Parameter::Payload, self.payload[row])),
         }
+        let obstacles = part(&self.obstacles);
         RolloutDirection {
             commands: held.collect(),
             start: steps.chain(rates).collect(),
@@ -116,6 +124,10 @@ impl Numbers {
                 })
                 .flat_map(|step| std::iter::repeat_n(step, motions.steps.skip))
                 .collect(),
+            obstacles: match obstacles.iter().any(|rate| *rate != 0.0) {
+                true => read_obstacles(obstacles),
+                false => Vec::new(),
+            },
         }
     }
 }
@@ -160,7 +172,7 @@ fn differentiate(
     };
     let direction = rates.direction(motions, row, &rollout.start.configuration.0, names);
     let Steps { timestep, skip, .. } = motions.steps;
-    let tangents = match at_hand.as_ref().filter(|_| motions.scene.is_some()) {
+    let tangents = match at_hand.as_ref().filter(|_| motions.scenes.is_some()) {
         Some(moving) => (moving.contact_stepper()).rollout_tangent(&rollout, &states, &direction),
         None => rollout_tangent(motions.robot(row), timestep, &rollout, &states, &direction),
     };

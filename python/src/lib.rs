@@ -56,6 +56,7 @@ mod hint;
 mod inverse;
 mod loads;
 mod metrics;
+mod motions;
 mod moving_robot;
 mod objects;
 mod options;

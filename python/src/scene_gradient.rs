@@ -2,9 +2,11 @@
 //!
 //! A motion is a displacement of an origin (m) and a rotation about it (rad), world axes.
 
+use nalgebra::Vector3;
 use numpy::{PyArray2, PyArray3, PyReadonlyArray3};
 use pyo3::prelude::*;
 use tdcr::sim::contact::{ContactSensitivity, ObstacleGradient};
+use tdcr::sim::dynamics::ObstacleTangent;
 use tdcr::sim::pose::PoseTangent;
 
 use crate::arrays::{array, contiguous};
@@ -25,6 +27,19 @@ pub fn write_obstacles(gradients: &[ObstacleGradient], out: &mut [f64]) {
         out[..6].copy_from_slice(&numbers(&gradient.pose));
         out[6] = gradient.compliance;
     }
+}
+
+/// Changes of obstacles, of 7 numbers each: of the motion and of the compliance.
+pub fn read_obstacles(numbers: &[f64]) -> Vec<ObstacleTangent> {
+    let of_obstacle = |&[x, y, z, a, b, c, compliance]: &[f64; 7]| ObstacleTangent {
+        pose: PoseTangent {
+            position: Vector3::new(x, y, z),
+            rotation: Vector3::new(a, b, c),
+        },
+        compliance,
+    };
+    let obstacles = numbers.as_chunks::<7>().0.iter();
+    obstacles.map(of_obstacle).collect()
 }
 
 /// Derivative of a cost of each row by its surroundings, shape (rows, 6 + 7 obstacles): by the motion of the base, and of each

@@ -1,5 +1,5 @@
-"""Equilibria, motions, their tangents and adjoints on NumPy arrays with any leading axes: what :mod:`tdcr.torch` and
-:mod:`tdcr.jax` share."""
+"""Equilibria, their tangents and adjoints on NumPy arrays with any leading axes: what :mod:`tdcr.torch` and :mod:`tdcr.jax`
+share."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr._arrays import Floats, as_float, as_quaternions
-from tdcr.dynamics import State, rollout
-from tdcr.dynamics_gradient import RolloutRates, rollout_jvp, rollout_vjp
-from tdcr.errors import DynamicsError, InputError, NotSettledError
+from tdcr.errors import InputError, NotSettledError
 from tdcr.robot import Robot
 from tdcr.scene import Scene, as_scene, nothing
 from tdcr.scene_gradient import obstacle_jacobian, scene_vjp
@@ -39,11 +37,17 @@ def scene_text(scene: Scene | None) -> str:
     return "" if scene is None else as_scene(scene).to_json()
 
 
-def own_poses(scene: Scene | None, asked: bool) -> tuple[Floats, Floats]:
-    """Positions, shape (m, 3), and quaternions, shape (m, 4), of the obstacles whose poses are inputs: all, or none."""
-    if asked and scene is None:
+def own_poses(scene: str, asked: bool) -> tuple[Floats, Floats]:
+    """Positions, shape (m, 3), and quaternions, shape (m, 4), of the obstacles whose poses are inputs: all, or none.
+
+    Args:
+        scene: The text of :func:`scene_text`.
+        asked: Whether poses are inputs.
+    """
+    among = scene_of(scene)
+    if asked and among is None:
         raise InputError("poses of obstacles are given without a scene; expected `scene`")
-    obstacles = as_scene(scene).obstacles if asked else ()
+    obstacles = among.obstacles if asked and among is not None else ()
     count = len(obstacles)
     return (
         np.array([one.position for one in obstacles]).reshape(count, 3),
@@ -100,18 +104,15 @@ class Problem:
         """
         robot, command = robot_of(text), np.asarray(command)
         leading = command.shape[:-1]
-        among = scene_of(scene)
-        rows_of_poses = _as_rows(poses, "poses of obstacles", leading, np.shape(poses)[-2:])
-        as_quaternions(rows_of_poses[..., 3:], "obstacle_quaternions", (*rows_of_poses.shape[:2], 4))
         return cls(
-            _robots(robot, names, values, leading),
+            robots_of(robot, names, values, leading),
             tuple(names),
             leading,
-            _as_rows(command, "command", leading, (robot.tendons,)),
-            _as_rows(payload, "payload", leading, ()),
-            _as_rows(wrench, "wrench", leading, (robot.discs, 6)),
-            rows_of_poses,
-            among,
+            as_rows(command, "command", leading, (robot.tendons,)),
+            as_rows(payload, "payload", leading, ()),
+            as_rows(wrench, "wrench", leading, (robot.discs, 6)),
+            rows_of_poses(poses, leading),
+            scene_of(scene),
         )
 
     def settle(self, on_failure: OnFailure) -> tuple[Floats, Floats]:
@@ -149,7 +150,7 @@ class Problem:
         gradient = np.zeros((rows, sum(map(len, chosen))))
         if counts.any() and gradient.shape[1]:
             gradient[counts] = vjp(
-                _chosen(self.robots, counts),
+                chosen_robots(self.robots, counts),
                 self.commands[counts],
                 sum(chosen, []),
                 by_positions[counts],
@@ -165,7 +166,7 @@ class Problem:
         by_poses = np.zeros(self.poses.shape)
         if counts.any() and wanted[4] and self.poses.size:
             by_motions = scene_vjp(
-                _chosen(self.robots, counts),
+                chosen_robots(self.robots, counts),
                 self.commands[counts],
                 by_positions[counts],
                 by_quaternions[counts],
@@ -174,7 +175,7 @@ class Problem:
                 wrench=self.wrench[counts],
                 on_failure="nan",
             )
-            by_poses[counts] = _by_poses(self.poses[counts], by_motions.obstacles)
+            by_poses[counts] = poses_cotangent(self.poses[counts], by_motions.obstacles)
         return [
             *(
                 part.reshape((*self.leading, *shape)) if names else np.zeros((*self.leading, *shape))
@@ -198,7 +199,7 @@ class Problem:
             by = np.concatenate([rate for rate, want in zip(flat, wanted, strict=True) if want], axis=1)
             counts: NDArray[np.bool_] = np.asarray(by.any(axis=1))
             positions[counts], quaternions[counts] = jvp(
-                _chosen(self.robots, counts),
+                chosen_robots(self.robots, counts),
                 self.commands[counts],
                 names,
                 by[counts],
@@ -210,14 +211,14 @@ class Problem:
         of_poses = np.asarray(of_poses, dtype=np.float64).reshape(self.poses.shape)
         moving: NDArray[np.bool_] = np.asarray(of_poses.any(axis=(1, 2)))
         if moving.any():
-            by_positions, by_quaternions = self._moved(moving, _motions(self.poses[moving], of_poses[moving]))
+            by_positions, by_quaternions = self._moved(moving, motions_of(self.poses[moving], of_poses[moving]))
             positions[moving] += by_positions
             quaternions[moving] += by_quaternions
         return positions.reshape(*self.leading, discs, 3), quaternions.reshape(*self.leading, discs, 4)
 
     def _moved(self, chosen: NDArray[np.bool_], motions: Floats) -> tuple[Floats, Floats]:
         """Change of positions and quaternions of some rows when their obstacles move, shape (rows, m, 6)."""
-        robots, scene, given = _chosen(self.robots, chosen), self._among(chosen), self.payload[chosen]
+        robots, scene, given = chosen_robots(self.robots, chosen), self._among(chosen), self.payload[chosen]
         commands, wrench = self.commands[chosen], self.wrench[chosen]
         change = np.zeros((len(commands), wrench.shape[1], 6))
         for obstacle in range(motions.shape[1]):
@@ -229,13 +230,7 @@ class Problem:
 
     def _among(self, chosen: Any) -> Scene | list[Scene]:
         """The scenes of some rows: one for all, or one for each."""
-        scene = self.scene if self.scene is not None else nothing()
-        poses = self.poses[chosen]
-        if poses.shape[1] == 0:
-            return scene
-        if (poses == poses[:1]).all():
-            return scene._placed(poses[0])
-        return [scene._placed(of_row) for of_row in poses]
+        return placed(self.scene if self.scene is not None else nothing(), self.poses[chosen])
 
     def _scenes(self, chosen: Any) -> Scene | list[Scene] | None:
         return None if self.scene is None else self._among(chosen)
@@ -258,164 +253,37 @@ def _product(a: Floats, b: Floats) -> Floats:
     return np.concatenate([scalar, vector], axis=-1)
 
 
-def _motions(poses: Floats, rates: Floats) -> Floats:
+def motions_of(poses: Floats, rates: Floats) -> Floats:
     """Motions, shape (..., 6), of poses (..., 7) that change at ``rates``: of a quaternion ``p`` the vector part of
     ``2 p' p^-1``."""
     inverse = poses[..., 3:] * [1.0, -1.0, -1.0, -1.0] / (poses[..., 3:] ** 2).sum(axis=-1, keepdims=True)
     return np.concatenate([rates[..., :3], 2.0 * _product(rates[..., 3:], inverse)[..., 1:]], axis=-1)
 
 
-def _by_poses(poses: Floats, by_motions: Floats) -> Floats:
-    """The adjoint of :func:`_motions`: from derivatives by motions to those by poses."""
+def poses_cotangent(poses: Floats, by_motions: Floats) -> Floats:
+    """The adjoint of :func:`motions_of`: from derivatives by motions to those by poses."""
     turning = np.concatenate([np.zeros((*by_motions.shape[:-1], 1)), by_motions[..., 3:]], axis=-1)
     unit = poses[..., 3:] / (poses[..., 3:] ** 2).sum(axis=-1, keepdims=True)
     return np.concatenate([by_motions[..., :3], 2.0 * _product(turning, unit)], axis=-1)
 
 
-@dataclass(frozen=True)
-class MotionProblem:
-    """Rows of motions; made from arrays with the same leading axes."""
-
-    robots: Robot | list[Robot]
-    names: tuple[str, ...]
-    leading: tuple[int, ...]
-    commands: Floats
-    start: State
-    payload: Floats
-    wrench: Floats
-    scene: Scene | None
-    dt: float
-    frame_skip: int
-
-    @classmethod
-    def of(cls, text: str, scene: str, names: Sequence[str], dt: float, frame_skip: int, *arguments: Any) -> MotionProblem:
-        """Reads a problem.
-
-        Args:
-            text: The robot as JSON.
-            scene: What it moves among: the text of :func:`scene_text`.
-            names: Names of ``p`` parameters.
-            dt: Time step (s).
-            frame_skip: Time steps for which each command holds.
-            arguments: Commands, shape (..., T, tendons); configuration and velocity of the start, shapes (..., n, 4) and
-                (..., n, 3); payload, wrench and values as of :meth:`Problem.of`, a wrench for each command of shape
-                (..., T, n, 6) as well.
-        """
-        commands, configuration, velocity, payload, wrench, values = (np.asarray(argument) for argument in arguments)
-        robot, leading, discs = robot_of(text), commands.shape[:-2], robot_of(text).discs
-        start = State(
-            _as_rows(configuration, "configuration", leading, (discs, 4)), _as_rows(velocity, "velocity", leading, (discs, 3))
-        )
-        of_wrench = (commands.shape[-2], discs, 6) if wrench.ndim > commands.ndim else (discs, 6)
-        return cls(
-            _robots(robot, names, values, leading),
-            tuple(names),
-            leading,
-            _as_rows(commands, "commands", leading, (commands.shape[-2], robot.tendons)),
-            start,
-            _as_rows(payload, "payload", leading, ()),
-            _as_rows(wrench, "wrench", leading, of_wrench),
-            scene_of(scene),
-            dt,
-            frame_skip,
-        )
-
-    def roll_out(self, on_failure: OnFailure) -> tuple[Floats, Floats, Floats]:
-        """Positions (..., T, n, 3), quaternions (..., T, n, 4) and rates of the joints (..., T, n, 3) after each command.
-
-        Raises:
-            DynamicsError: For a row that diverges, with ``on_failure="raise"``; with ``"nan"`` it is not a number.
-        """
-        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[-2]
-        shapes = [(*self.leading, steps, discs, width) for width in (3, 4, 3)]
-        if rows == 0:
-            empty = [np.zeros(shape) for shape in shapes]
-            return empty[0], empty[1], empty[2]
-        motions = rollout(
-            self.robots,
-            self.commands,
-            self.payload,
-            wrench=self.wrench,
-            start=self.start,
-            dt=self.dt,
-            frame_skip=self.frame_skip,
-            scene=self.scene,
-        )
-        for row, why in motions.failures.items():
-            if on_failure == "raise":
-                raise DynamicsError(f"row {row}: {why}")
-            for array in (motions.positions, motions.quaternions, motions.velocity):
-                array[row] = np.nan
-        found = (motions.positions, motions.quaternions, motions.velocity)
-        positions, quaternions, velocity = (array.reshape(shape) for array, shape in zip(found, shapes, strict=True))
-        return positions, quaternions, velocity
-
-    def adjoint(self, by_positions: Any, by_quaternions: Any, by_velocity: Any) -> list[Floats]:
-        """Derivatives of a cost from those by the states: by all arguments of :meth:`of`, in their order and shapes.
-
-        Rows that diverge have derivatives that are not numbers, unless the cost does not depend on them.
-        """
-        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[-2]
-        by_states = [
-            np.asarray(by, dtype=np.float64).reshape(rows, steps, discs, width)
-            for by, width in ((by_positions, 3), (by_quaternions, 4), (by_velocity, 3))
-        ]
-        shapes = [self.commands.shape[1:], (discs, 4), (discs, 3), (), self.wrench.shape[1:], (len(self.names),)]
-        gradients = [np.zeros((rows, *shape)) for shape in shapes]
-        counts = np.any([by.any(axis=(1, 2, 3)) for by in by_states], axis=0)
-        if counts.any():
-            found = rollout_vjp(
-                _chosen(self.robots, counts),
-                self.commands[counts],
-                by_states[0][counts],
-                by_states[1][counts],
-                by_states[2][counts],
-                self.payload[counts],
-                parameters=self.names,
-                wrench=self.wrench[counts],
-                start=State(self.start.configuration[counts], self.start.velocity[counts]),
-                dt=self.dt,
-                frame_skip=self.frame_skip,
-                scene=self.scene,
-            )
-            parts = found.commands, found.configuration, found.velocity, found.payload, found.wrench, found.parameters
-            for gradient, part in zip(gradients, parts, strict=True):
-                gradient[counts] = part
-        return [gradient.reshape((*self.leading, *shape)) for gradient, shape in zip(gradients, shapes, strict=True)]
-
-    def tangent(self, rates: Sequence[Any]) -> tuple[Floats, Floats, Floats]:
-        """Change of positions, quaternions and rates of the joints when all arguments of :meth:`of` change at ``rates``, of
-        their shapes.
-
-        Rows that diverge have changes that are not numbers, unless nothing of them changes.
-        """
-        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[-2]
-        shapes = [(steps, self.commands.shape[2]), (discs, 4), (discs, 3), (), self.wrench.shape[1:], (len(self.names),)]
-        by = [np.asarray(rate, dtype=np.float64).reshape(rows, *shape) for rate, shape in zip(rates, shapes, strict=True)]
-        changes = [np.zeros((rows, steps, discs, width)) for width in (3, 4, 3)]
-        counts = np.zeros(rows, dtype=np.bool_)
-        for rate in by:
-            counts |= rate.reshape(rows, int(np.prod(rate.shape[1:]))).any(axis=1)
-        if counts.any():
-            found = rollout_jvp(
-                _chosen(self.robots, counts),
-                self.commands[counts],
-                RolloutRates(*(rate[counts] for rate in by)),
-                self.payload[counts],
-                parameters=self.names,
-                wrench=self.wrench[counts],
-                start=State(self.start.configuration[counts], self.start.velocity[counts]),
-                dt=self.dt,
-                frame_skip=self.frame_skip,
-                scene=self.scene,
-            )
-            for change, part in zip(changes, (found.positions, found.quaternions, found.velocity), strict=True):
-                change[counts] = part
-        positions, quaternions, velocity = (change.reshape(*self.leading, *change.shape[1:]) for change in changes)
-        return positions, quaternions, velocity
+def rows_of_poses(poses: Any, leading: tuple[int, ...]) -> Floats:
+    """Poses of obstacles, shape (..., m, 7), with their leading axes as one."""
+    rows = as_rows(poses, "poses of obstacles", leading, np.shape(poses)[-2:])
+    as_quaternions(rows[..., 3:], "obstacle_quaternions", (*rows.shape[:2], 4))
+    return rows
 
 
-def _as_rows(value: Any, name: str, leading: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
+def placed(scene: Scene, poses: Floats) -> Scene | list[Scene]:
+    """A scene with its obstacles at poses, shape (rows, m, 7): one for all rows, or one for each; without poses as it is."""
+    if poses.shape[1] == 0:
+        return scene
+    if (poses == poses[:1]).all():
+        return scene._placed(poses[0])
+    return [scene._placed(of_row) for of_row in poses]
+
+
+def as_rows(value: Any, name: str, leading: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
     """An argument with its leading axes as one."""
     rows = int(np.prod(leading))
     array = np.asarray(value)
@@ -424,7 +292,7 @@ def _as_rows(value: Any, name: str, leading: tuple[int, ...], shape: tuple[int, 
     return as_float(array, name, (rows, *shape))
 
 
-def _robots(robot: Robot, names: Sequence[str], values: Any, leading: tuple[int, ...]) -> Robot | list[Robot]:
+def robots_of(robot: Robot, names: Sequence[str], values: Any, leading: tuple[int, ...]) -> Robot | list[Robot]:
     """The robot with the values of parameters: one for all rows, or one for each."""
     values = np.asarray(values, dtype=np.float64)
     if not names:
@@ -437,5 +305,5 @@ def _robots(robot: Robot, names: Sequence[str], values: Any, leading: tuple[int,
     return [robot.with_values(dict(zip(names, row, strict=True))) for row in rows]
 
 
-def _chosen(robots: Robot | list[Robot], rows: NDArray[np.bool_]) -> Robot | list[Robot]:
+def chosen_robots(robots: Robot | list[Robot], rows: NDArray[np.bool_]) -> Robot | list[Robot]:
     return [robots[row] for row in np.flatnonzero(rows)] if isinstance(robots, list) else robots

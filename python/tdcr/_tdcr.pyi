@@ -532,7 +532,7 @@ def clouds(
 ) -> list[_Cloud]: ...
 def save_ply(path: str | os.PathLike[str], points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None: ...
 
-_Around = tuple[Scene | None, _Floats | None]
+_Around = tuple[list[Scene] | None, _Floats | None]
 _Start = tuple[_Floats | None, _Floats | None, bool]
 _ByStates = tuple[_Floats | None, _Floats | None, _Floats | None]
 
@@ -657,7 +657,7 @@ def rollout_jvp_rows(
     start: _Start,
     steps: Steps,
     around: _Around,
-    rates: tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats | None],
+    rates: tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats | None, _Floats],
     names: list[str],
     progress: _Progress = None,
 ) -> RolloutTangentRows: ...

@@ -22,7 +22,7 @@ from tdcr.errors import InputError
 from tdcr.loads import LoadRows, Loads
 from tdcr.objects import Objects
 from tdcr.robot import Robot, RobotLike, as_robot, as_robots
-from tdcr.scene import Scene, as_scene
+from tdcr.scene import Scene, as_scene, as_scenes
 from tdcr.statics import Equilibria, Equilibrium
 
 Integrator = Literal["semi-implicit-euler", "runge-kutta4", "implicit-euler", "implicit-midpoint"]
@@ -214,6 +214,7 @@ def simulate(
         ContactError: In a scene, for a start inside an obstacle.
     """
     robot = as_robot(robot)
+    scene = None if scene is None else as_scene(scene)
     commands = as_float(commands, "commands", ("T", robot.tendons))[np.newaxis]
     if wrench is not None and np.ndim(wrench) == 3:
         wrench = as_float(wrench, "wrench", (commands.shape[1], robot.discs, 6))[np.newaxis]
@@ -239,7 +240,7 @@ def rollout(
     dt: float = 0.002,
     integrator: Integrator = "semi-implicit-euler",
     frame_skip: int = 1,
-    scene: Scene | None = None,
+    scene: Scene | Sequence[Scene] | None = None,
     progress: Progress | None = None,
 ) -> Motions:
     """Moves rows of robots, each through its own sequence of commands, on all threads.
@@ -254,7 +255,8 @@ def rollout(
             each command, shape (rows, T, n, 6).
         loads: Other loads: for all rows, or one for each row.
         start: Where each row starts; a single state is for all rows.
-        dt, integrator, frame_skip, scene: As of :func:`simulate`.
+        dt, integrator, frame_skip: As of :func:`simulate`.
+        scene: Obstacles as of :func:`simulate`: for all rows, or one scene for each row, of obstacles of the same names.
         progress: Is called with the number of commands done since its last call, as ``tqdm(total=rows * T).update``.
 
     Returns:
@@ -265,6 +267,7 @@ def rollout(
         DynamicsError: If the time step is too long for all rows: small motions about their starts would grow. Where it is for
             some, these have failed.
         InputError: For shapes that do not fit.
+        ContactError: In a scene, for a start inside an obstacle.
     """
     question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip, scene)
     return Motions._of(question.rollout(progress), question.times)
@@ -281,7 +284,7 @@ class Question:
     norms: Floats | None
     steps: _tdcr.Steps
     times: Floats
-    scene: Scene | None
+    scenes: list[Scene] | None
     wrenches: Floats | None
     """Of each command, shape (rows, T, n, 6)."""
 
@@ -297,7 +300,7 @@ class Question:
         dt: float,
         integrator: Integrator,
         frame_skip: int,
-        scene: Scene | None,
+        scene: Scene | Sequence[Scene] | None,
     ) -> Question:
         """Reads the arguments of :func:`rollout`."""
         robots = as_robots(robot)
@@ -317,7 +320,7 @@ class Question:
             norms,
             native_steps(dt, integrator, frame_skip),
             times,
-            None if scene is None else as_scene(scene),
+            None if scene is None else as_scenes(scene, rows),
             wrenches,
         )
 
@@ -331,13 +334,13 @@ class Question:
         Floats | None,
         tuple[Floats | None, Floats | None, bool],
         _tdcr.Steps,
-        tuple[_tdcr.Scene | None, Floats | None],
+        tuple[list[_tdcr.Scene] | None, Floats | None],
     ]:
         """The first arguments of the native functions."""
         loads = self.loads
         robots = [robot._native for robot in self.robots]
-        around = None if self.scene is None else self.scene._native, self.wrenches
-        return robots, self.commands, loads.base, loads.payload, loads.wrench, self.start, self.steps, around
+        scenes = None if self.scenes is None else [scene._native for scene in self.scenes]
+        return robots, self.commands, loads.base, loads.payload, loads.wrench, self.start, self.steps, (scenes, self.wrenches)
 
     def rollout(self, progress: Progress | None) -> _tdcr.MotionRows:
         return _tdcr.rollout_rows(*self.arguments(), progress)

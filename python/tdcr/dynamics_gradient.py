@@ -73,6 +73,11 @@ class RolloutRates(NamedTuple):
     command, shape (rows, T, n, 6)."""
     parameters: Any = None
     """Of the parameters that are named, shape (rows, p)."""
+    obstacles: Any = None
+    """Of each of the scene's ``m`` obstacles before the motion begins: a displacement of its origin (m) and a rotation about it
+    (rad), world axes, shape (rows, m, 6)."""
+    compliance: Any = None
+    """Of the compliance of each obstacle (m/N), shape (rows, m)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -137,7 +142,7 @@ def rollout_vjp(
     start: Start = "straight",
     dt: float = 0.002,
     frame_skip: int = 1,
-    scene: Scene | None = None,
+    scene: Scene | Sequence[Scene] | None = None,
     progress: Progress | None = None,
 ) -> RolloutGradients:
     """Derivatives of a cost of each row by all that its motion depends on, from those by the states of :func:`rollout`: the
@@ -160,6 +165,7 @@ def rollout_vjp(
             :func:`tdcr.vjp`.
         DynamicsError: For commanded lengths of inextensible tendons, and objects of the scene that move, which have no
             derivatives.
+        ContactError: In a scene, for a start inside an obstacle.
     """
     question = _question(robot, commands, payload, wrench, loads, start, dt, frame_skip, scene)
     shape = (*question.commands.shape[:2], question.robots[0].discs)
@@ -199,7 +205,7 @@ def rollout_jvp(
     start: Start = "straight",
     dt: float = 0.002,
     frame_skip: int = 1,
-    scene: Scene | None = None,
+    scene: Scene | Sequence[Scene] | None = None,
     progress: Progress | None = None,
 ) -> RolloutTangents:
     """Changes of the states of each row when what its motion depends on changes: forward mode, of which :func:`rollout_vjp` is
@@ -212,7 +218,8 @@ def rollout_jvp(
 
     Raises:
         ParameterError: For a parameter that the robot does not have, and for two that overlap.
-        InputError: For shapes that do not fit, and for a start that is to be settled.
+        InputError: For shapes that do not fit, for a start that is to be settled, and for rates of obstacles without a scene.
+        DynamicsError, ContactError: As of :func:`rollout_vjp`.
     """
     if not isinstance(rates, RolloutRates):
         raise InputError(f"rates is {rates!r}; expected tdcr.RolloutRates")
@@ -223,7 +230,20 @@ def rollout_jvp(
     if rates.wrench is not None and np.ndim(rates.wrench) == 4:
         of_wrenches = as_float(rates.wrench, "rates.wrench", (rows, length, discs, 6))
         rates = rates._replace(wrench=None)
-    shapes = ((rows, length, tendons), (rows, discs, 4), (rows, discs, 3), (rows,), (rows, discs, 6), (rows, len(names)))
+    obstacles = 0 if question.scenes is None else len(question.scenes[0])
+    for name in ("obstacles", "compliance"):
+        if getattr(rates, name) is not None and question.scenes is None:
+            raise InputError(f"rates.{name} is given without a scene; expected `scene`")
+    shapes = (
+        (rows, length, tendons),
+        (rows, discs, 4),
+        (rows, discs, 3),
+        (rows,),
+        (rows, discs, 6),
+        (rows, len(names)),
+        (rows, obstacles, 6),
+        (rows, obstacles),
+    )
     given = [
         np.zeros(shape) if rate is None else as_float(rate, f"rates.{name}", shape)
         for name, rate, shape in zip(RolloutRates._fields, rates, shapes, strict=True)
@@ -231,8 +251,9 @@ def rollout_jvp(
     if question.norms is not None:
         # Of a rotation that was given as a longer quaternion.
         given[1] = given[1] / question.norms
-    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters = given
-    native = (by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters, of_wrenches)
+    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters, by_motions, by_compliance = given
+    by_obstacles = np.concatenate([by_motions, by_compliance[..., np.newaxis]], axis=-1)
+    native = (by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters, of_wrenches, by_obstacles)
     found = _tdcr.rollout_jvp_rows(*question.arguments(), native, names, progress)
     failures = {row: why for row, _, why in found.failures}
     return RolloutTangents(found.positions, found.quaternions, found.velocity, failures)
@@ -247,7 +268,7 @@ def _question(
     start: Start,
     dt: float,
     frame_skip: int,
-    scene: Scene | None,
+    scene: Scene | Sequence[Scene] | None,
 ) -> Question:
     """Motions that can be differentiated."""
     if isinstance(start, str) and start == "settled":

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from tdcr._arrays import as_count, as_number
-from tdcr._differentiable import MotionProblem, Problem, check_parameters, own_poses, scene_text
+from tdcr._differentiable import Problem, check_parameters, own_poses, scene_text
+from tdcr._differentiable_motions import MotionProblem
 from tdcr.errors import InputError, MissingPackageError
 from tdcr.robot import RobotLike, as_robot
 from tdcr.scene import Scene
@@ -38,7 +39,8 @@ def settle(
     obstacle_quaternions: Any = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[jax.Array, jax.Array]:
-    """Settles rows of commands; gradients flow to the commands, the loads and the values of physical parameters.
+    """Settles rows of commands; gradients flow to the commands, the loads, the values of physical parameters and the poses of
+    obstacles.
 
     Computed in float64 by a callback to the host. It has first derivatives, in reverse and in forward mode; second ones are
     refused.
@@ -70,20 +72,13 @@ def settle(
     names = check_parameters(parameters, values)
     robot.check_parameters(names)
     leading, discs = command.shape[:-1], robot.discs
-    own_places, own_turns = own_poses(scene, obstacle_positions is not None or obstacle_quaternions is not None)
-    places = own_places if obstacle_positions is None else obstacle_positions
-    turns = own_turns if obstacle_quaternions is None else obstacle_quaternions
-    poses = (
-        _rows(places, "obstacle_positions", dtype, leading, own_places.shape),
-        _rows(turns, "obstacle_quaternions", dtype, leading, own_turns.shape),
-    )
     arguments = (
         command.astype(dtype),
         _rows(payload, "payload", dtype, leading, ()),
         _rows(wrench, "wrench", dtype, leading, (discs, 6)),
         # One row of values for each command: their gradients are summed by the adjoint of the broadcast.
         _rows(values, "values", dtype, leading, (len(names),)),
-        jnp.concatenate(poses, axis=-1),
+        _poses(scene, obstacle_positions, obstacle_quaternions, dtype, leading),
     )
     positions, quaternions = call(_settling(_Settling(robot.to_json(), names, chosen, scene_text(scene))), *arguments)
     return positions, quaternions
@@ -102,10 +97,12 @@ def rollout(
     dt: float = 0.002,
     frame_skip: int = 1,
     scene: Scene | None = None,
+    obstacle_positions: Any = None,
+    obstacle_quaternions: Any = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads and the values of
-    physical parameters.
+    """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads, the values of physical
+    parameters and the poses of obstacles.
 
     Computed in float64 by a callback to the host, by the integrator ``"semi-implicit-euler"``. It has first derivatives, in
     reverse and in forward mode, of which a forward one takes as long as a reverse one for each rate of a joint: see
@@ -125,6 +122,7 @@ def rollout(
         dt: Time step (s).
         frame_skip: Time steps for which each command holds.
         scene: Obstacles around the robots, without a mass: see :func:`tdcr.rollout_vjp`.
+        obstacle_positions, obstacle_quaternions: Poses of the obstacles all along, in place of the scene's, as of :func:`settle`.
         on_failure: What becomes of rows that diverge: ``"raise"``, or ``"nan"``.
 
     Returns:
@@ -149,6 +147,7 @@ def rollout(
         _rows(payload, "payload", dtype, leading, ()),
         _rows(wrench, "wrench", dtype, leading, of_wrench),
         _rows(values, "values", dtype, leading, (len(names),)),
+        _poses(scene, obstacle_positions, obstacle_quaternions, dtype, leading),
     )
     steps = as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1)
     positions, quaternions, rates = call(_moving(_Moving(robot.to_json(), names, *steps, chosen, scene_text(scene))), *arguments)
@@ -171,6 +170,17 @@ def _rows(value: Any, name: str, dtype: Any, leading: tuple[int, ...], shape: tu
     except ValueError:
         expected = f"{(*leading, *shape)}, or {shape} for all rows"
         raise InputError(f"{name} has shape {array.shape}; expected {expected}") from None
+
+
+def _poses(scene: Scene | None, positions: Any, quaternions: Any, dtype: Any, leading: tuple[int, ...]) -> jax.Array:
+    """Poses of obstacles, shape (..., m, 7), the scene's own where only positions or quaternions are given; of none where neither
+    is."""
+    places, turns = own_poses(scene_text(scene), positions is not None or quaternions is not None)
+    poses = (
+        _rows(places if positions is None else positions, "obstacle_positions", dtype, leading, places.shape),
+        _rows(turns if quaternions is None else quaternions, "obstacle_quaternions", dtype, leading, turns.shape),
+    )
+    return jnp.concatenate(poses, axis=-1)
 
 
 class _Settling(NamedTuple):

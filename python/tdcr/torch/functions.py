@@ -30,7 +30,8 @@ def settle(
     obstacle_quaternions: Tensor | None = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[Tensor, Tensor]:
-    """Settles rows of commands; gradients flow to the commands, the loads and the values of physical parameters.
+    """Settles rows of commands; gradients flow to the commands, the loads, the values of physical parameters and the poses of
+    obstacles.
 
     Computed in float64 on the processor, whatever the type of the tensors; results have the type of ``command``, and whole
     numbers count as ones of PyTorch's default type. It has first derivatives, in reverse and in forward mode; second ones are
@@ -69,22 +70,13 @@ def settle(
     if command.ndim == 0 or command.shape[-1] != robot.tendons:
         raise InputError(f"command has shape {tuple(command.shape)}; expected (..., {robot.tendons})")
     leading, discs = command.shape[:-1], robot.discs
-    own = own_poses(scene, obstacle_positions is not None or obstacle_quaternions is not None)
-    places = torch.from_numpy(own[0]) if obstacle_positions is None else obstacle_positions
-    turns = torch.from_numpy(own[1]) if obstacle_quaternions is None else obstacle_quaternions
     arguments = (
         command,
         _rows(payload, "payload", command, leading, ()),
         _rows(wrench, "wrench", command, leading, (discs, 6)),
         # One row of values for each command: their gradients are summed by the adjoint of the expansion.
         _rows(values, "values", command, leading, (len(names),)),
-        torch.cat(
-            [
-                _rows(places, "obstacle_positions", command, leading, own[0].shape),
-                _rows(turns, "obstacle_quaternions", command, leading, own[1].shape),
-            ],
-            dim=-1,
-        ),
+        _poses(scene, obstacle_positions, obstacle_quaternions, command, leading),
     )
     return operators.settle(arguments, robot.to_json(), names, chosen, scene_text(scene))
 
@@ -102,10 +94,12 @@ def rollout(
     dt: float = 0.002,
     frame_skip: int = 1,
     scene: Scene | None = None,
+    obstacle_positions: Tensor | None = None,
+    obstacle_quaternions: Tensor | None = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads and the values of
-    physical parameters.
+    """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads, the values of physical
+    parameters and the poses of obstacles.
 
     Computed in float64 on the processor by the integrator ``"semi-implicit-euler"``; results have the type of ``commands``, as of
     :func:`settle`. It has first derivatives, in reverse and in forward mode; a forward one takes as long as a reverse one for
@@ -125,6 +119,7 @@ def rollout(
         dt: Time step (s).
         frame_skip: Time steps for which each command holds.
         scene: Obstacles around the robots, without a mass: see :func:`tdcr.rollout_vjp`.
+        obstacle_positions, obstacle_quaternions: Poses of the obstacles all along, in place of the scene's, as of :func:`settle`.
         on_failure: What becomes of rows that diverge, as of :func:`settle`.
 
     Returns:
@@ -135,6 +130,7 @@ def rollout(
         InputError: For shapes and options that do not fit, and tensors on another device than the processor.
         ParameterError: For a parameter that the robot does not have, and for two that overlap.
         DynamicsError: For a row that diverges.
+        ContactError: As of :func:`tdcr.rollout`.
         SensitivityError: Where a derivative is differentiated.
     """
     robot = as_robot(robot)
@@ -153,6 +149,7 @@ def rollout(
         _rows(payload, "payload", commands, leading, ()),
         _rows(wrench, "wrench", commands, leading, of_wrench),
         _rows(values, "values", commands, leading, (len(names),)),
+        _poses(scene, obstacle_positions, obstacle_quaternions, commands, leading),
     )
     steps = as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1)
     return operators.rollout(arguments, robot.to_json(), names, steps, chosen, scene_text(scene))
@@ -176,6 +173,26 @@ def _rows(value: Any, name: str, like: Tensor, leading: torch.Size, shape: Seque
     except RuntimeError:
         expected = tuple(leading) + tuple(shape)
         raise InputError(f"{name} has shape {tuple(tensor.shape)}; expected {expected}, or {tuple(shape)} for all rows") from None
+
+
+def _poses(scene: Scene | None, positions: Any, quaternions: Any, like: Tensor, leading: torch.Size) -> Tensor:
+    """Poses of obstacles, shape (..., m, 7), the scene's own where only positions or quaternions are given; of none where neither
+    is."""
+    places, turns = _own_poses(scene_text(scene), positions is not None or quaternions is not None)
+    return torch.cat(
+        [
+            _rows(places if positions is None else positions, "obstacle_positions", like, leading, places.shape),
+            _rows(turns if quaternions is None else quaternions, "obstacle_quaternions", like, leading, turns.shape),
+        ],
+        dim=-1,
+    )
+
+
+@torch.compiler.assume_constant_result  # type: ignore[untyped-decorator]
+def _own_poses(scene: str, asked: bool) -> tuple[Tensor, Tensor]:
+    """Positions and quaternions of the scene's own, which are read where operators are traced."""
+    positions, quaternions = own_poses(scene, asked)
+    return torch.from_numpy(positions), torch.from_numpy(quaternions)
 
 
 def _floats(value: Any, name: str, dtype: torch.dtype | None = None, device: torch.device | None = None) -> Tensor:

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from tdcr._differentiable import MotionProblem, Problem
+from tdcr._differentiable import Problem
+from tdcr._differentiable_motions import MotionProblem
 from tdcr.errors import SensitivityError
 from tdcr.sensitivity import OnFailure
 from tdcr.torch.derivatives import Differentiable, Tensors
@@ -33,7 +34,7 @@ def rollout(
     arguments: Tensors, robot: str, names: Sequence[str], steps: tuple[float, int], on_failure: OnFailure, scene: str
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Positions, quaternions and rates of the joints; arguments are commands, configurations and velocities of the start,
-    payloads, wrenches and values, with the same leading axes."""
+    payloads, wrenches, values and poses of obstacles, with the same leading axes."""
     text = _SEPARATOR.join(names)
     if _compiling():
         found: tuple[Tensor, Tensor, Tensor] = _rollout(*arguments, robot, text, *steps, on_failure, scene)
@@ -240,6 +241,7 @@ def _rollout(
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     dt: float,
@@ -247,7 +249,7 @@ def _rollout(
     on_failure: str,
     scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    arguments = (commands, configuration, velocity, payload, wrench, values)
+    arguments = (commands, configuration, velocity, payload, wrench, values, poses)
     problem = _motion_problem(arguments, robot, names, dt, frame_skip, scene)
     positions, quaternions, rates = _of_type(commands, problem.roll_out("raise" if on_failure == "raise" else "nan"))
     return positions, quaternions, rates
@@ -261,6 +263,7 @@ def _(
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     dt: float,
@@ -269,8 +272,8 @@ def _(
     scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
     _refuse_forward_mode("rollout")
-    poses = (*commands.shape[:-1], wrench.shape[-2])
-    return commands.new_empty(*poses, 3), commands.new_empty(*poses, 4), commands.new_empty(*poses, 3)
+    discs = (*commands.shape[:-1], wrench.shape[-2])
+    return commands.new_empty(*discs, 3), commands.new_empty(*discs, 4), commands.new_empty(*discs, 3)
 
 
 @torch.library.custom_op("tdcr::rollout_backward", mutates_args=(), device_types="cpu")
@@ -284,17 +287,18 @@ def _rollout_backward(
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    arguments = (commands, configuration, velocity, payload, wrench, values)
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    arguments = (commands, configuration, velocity, payload, wrench, values, poses)
     problem = _motion_problem(arguments, robot, names, dt, frame_skip, scene)
     found = problem.adjoint(*_arrays((by_positions, by_quaternions, by_rates)))
-    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values = _like(arguments, found)
-    return by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values
+    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses = _like(arguments, found)
+    return by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses
 
 
 @_rollout_backward.register_fake
@@ -308,14 +312,15 @@ def _(
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
     start = _empty_like(configuration), _empty_like(velocity)
-    return _empty_like(commands), *start, _empty_like(payload), _empty_like(wrench), _empty_like(values)
+    return _empty_like(commands), *start, _empty_like(payload), _empty_like(wrench), _empty_like(values), _empty_like(poses)
 
 
 @torch.library.custom_op("tdcr::rollout_forward", mutates_args=(), device_types="cpu")
@@ -326,20 +331,22 @@ def _rollout_forward(
     of_payload: Tensor,
     of_wrench: Tensor,
     of_values: Tensor,
+    of_poses: Tensor,
     commands: Tensor,
     configuration: Tensor,
     velocity: Tensor,
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    changes = _arrays((of_commands, of_configuration, of_velocity, of_payload, of_wrench, of_values))
-    arguments = (commands, configuration, velocity, payload, wrench, values)
+    changes = _arrays((of_commands, of_configuration, of_velocity, of_payload, of_wrench, of_values, of_poses))
+    arguments = (commands, configuration, velocity, payload, wrench, values, poses)
     found = _motion_problem(arguments, robot, names, dt, frame_skip, scene).tangent(changes)
     positions, quaternions, rates = _of_type(commands, found)
     return positions, quaternions, rates
@@ -353,20 +360,22 @@ def _(
     of_payload: Tensor,
     of_wrench: Tensor,
     of_values: Tensor,
+    of_poses: Tensor,
     commands: Tensor,
     configuration: Tensor,
     velocity: Tensor,
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    poses = (*commands.shape[:-1], wrench.shape[-2])
-    return commands.new_empty(*poses, 3), commands.new_empty(*poses, 4), commands.new_empty(*poses, 3)
+    discs = (*commands.shape[:-1], wrench.shape[-2])
+    return commands.new_empty(*discs, 3), commands.new_empty(*discs, 4), commands.new_empty(*discs, 3)
 
 
 def _setup_rollout(ctx, inputs, output):  # type: ignore[no-untyped-def]

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::pushes::ObstacleGradient;
+use super::obstacles::ObstacleGradient;
 use super::rollout::StepLoads;
 use super::servos::Acting;
 use super::step_adjoint::StepAdjoint;

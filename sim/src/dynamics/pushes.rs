@@ -12,11 +12,11 @@ use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Vector3, Vector6};
 
 use super::composite::cross_force;
 use super::expansion::StepExpansion;
+use super::obstacles::ObstacleGradient;
 use super::reaction::{Reaction, torques_of};
 use super::{DynamicsError, State};
 use crate::factor::{ChainLu, ChainMatrix, Side};
 use crate::model_tangent::ModelTangent;
-use crate::pose::PoseTangent;
 use crate::robot::{Command, HingeAxes, Loads};
 
 /// An impulse on a disc and its derivatives: by the velocity of its point `dp = -inertance du`, and so on.
@@ -53,15 +53,6 @@ pub(crate) struct PushingObstacle {
     pub velocity: Vector3<f64>,
     /// The impulse's derivative by the obstacle's compliance (N² s/m).
     pub by_compliance: Vector3<f64>,
-}
-
-/// Derivatives of a cost by one obstacle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ObstacleGradient {
-    /// By a displacement of its origin (m) and a rotation about it (rad), world axes.
-    pub pose: PoseTangent,
-    /// By its compliance (m/N).
-    pub compliance: f64,
 }
 
 /// Where the opposite impulse acts. Displacements and velocities are then those of the first disc's point beside this one.

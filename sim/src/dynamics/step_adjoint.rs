@@ -12,9 +12,8 @@ use super::composite::{Moved, cross_with_force};
 use super::expansion::StepExpansion;
 use super::inertia_cotangent::pull_back_inertia;
 use super::jacobians::step_jacobians;
-use super::pushes::{
-    ObstacleGradient, Push, PushedMatrix, Surroundings, pull_back_pushes, symmetric_forms,
-};
+use super::obstacles::ObstacleGradient;
+use super::pushes::{Push, PushedMatrix, Surroundings, pull_back_pushes, symmetric_forms};
 use super::reaction::Reaction;
 use super::{DynamicsError, Integrator, State, Stepper};
 use crate::energy::following::add_transposed_product;
@@ -100,9 +99,14 @@ impl StepAdjoint {
         }
     }
 
+    /// Number of obstacles among the surroundings.
+    pub fn obstacles(&self) -> usize {
+        (self.surroundings.as_ref()).map_or(0, |around| around.obstacles())
+    }
+
     /// Sums from now on what steps that are pulled back add to the derivatives by obstacles.
     pub fn begin_obstacles(&mut self) {
-        let count = (self.surroundings.as_ref()).map_or(0, |around| around.obstacles());
+        let count = self.obstacles();
         self.obstacles.clear();
         self.obstacles.resize(count, ObstacleGradient::default());
     }

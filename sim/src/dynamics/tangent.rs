@@ -7,6 +7,7 @@
 use nalgebra::Vector3;
 
 use super::jacobians::step_jacobians;
+use super::obstacles::ObstacleTangent;
 use super::rollout::StepLoads;
 use super::servos::Acting;
 use super::step_adjoint::StepAdjoint;
@@ -31,6 +32,8 @@ pub struct RolloutDirection {
     pub wrenches: Vec<Vec<[Vector3<f64>; 2]>>,
     /// Of parameters, the same at every step.
     pub parameters: Vec<(Parameter, f64)>,
+    /// Of each obstacle of the scene, before the motion begins; empty where none changes.
+    pub obstacles: Vec<ObstacleTangent>,
 }
 
 /// Change of a state.
@@ -69,12 +72,17 @@ pub(crate) fn tangent_by(
 ) -> Result<Vec<StateTangent>, DynamicsError> {
     let (robot, timestep) = (&adjoint.robot().clone(), adjoint.timestep());
     let (steps, dof, discs) = (rollout.commands.len(), robot.dof(), robot.discs().len());
-    let wrenches = &direction.wrenches;
+    let RolloutDirection {
+        wrenches,
+        obstacles,
+        ..
+    } = direction;
     let of_step = wrenches.iter().find(|step| step.len() != discs);
+    let where_given = |found: usize, expected: usize| if found == 0 { 0 } else { expected };
     for (what, expected, found) in [
         (
             "direction of wrenches",
-            if wrenches.is_empty() { 0 } else { steps },
+            where_given(wrenches.len(), steps),
             wrenches.len(),
         ),
         (
@@ -87,6 +95,11 @@ pub(crate) fn tangent_by(
         ("direction of the start", 2 * dof, direction.start.len()),
         ("direction of forces", discs, direction.forces.len()),
         ("direction of moments", discs, direction.moments.len()),
+        (
+            "direction of obstacles",
+            where_given(obstacles.len(), adjoint.obstacles()),
+            obstacles.len(),
+        ),
     ] {
         DynamicsError::check_size(robot, what, [expected, found])?;
     }
@@ -107,11 +120,18 @@ pub(crate) fn tangent_by(
             let mut gradient = vec![0.0; 2 * dof];
             gradient[dof + i] = 1.0;
             let mut by_model = ModelTangent::zero(robot);
+            if !obstacles.is_empty() {
+                adjoint.begin_obstacles();
+            }
             let by_command =
                 adjoint.pull_back(before, command, loads, &mut gradient, &mut by_model)?;
+            let by_obstacles = obstacles.iter().zip(adjoint.take_obstacles());
             *rate = dot(&gradient, &coordinates)
                 + dot(&by_command, &by_acting[step])
-                + model.along(&by_model, step);
+                + model.along(&by_model, step)
+                + by_obstacles
+                    .map(|(change, by)| change.dot(&by))
+                    .sum::<f64>();
         }
         // q+ = q exp(h v+).
         let (turns, old_rates) = coordinates.split_at_mut(dof);

@@ -111,14 +111,113 @@ def test_gradients_by_an_obstacle_are_differences() -> None:
         motions = tdcr.rollout(ROBOT, commands, start=START, frame_skip=2, scene=tdcr.Scene([post]))
         return (motions.positions * by).sum(axis=(1, 2, 3))
 
-    for name, size, slopes in (
-        ("x", 1e-7, found.obstacles[:, 0, 0]),
-        ("tilt", 1e-6, found.obstacles[:, 0, 4]),
-        ("softer", 1e-8, found.compliance[:, 0]),
+    unit = np.eye(6).reshape(6, 1, 1, 6) * np.ones((2, 1, 1))
+    for name, size, slopes, rates in (
+        ("x", 1e-7, found.obstacles[:, 0, 0], tdcr.RolloutRates(obstacles=unit[0])),
+        ("tilt", 1e-6, found.obstacles[:, 0, 4], tdcr.RolloutRates(obstacles=unit[4])),
+        ("softer", 1e-8, found.compliance[:, 0], tdcr.RolloutRates(compliance=np.ones((2, 1)))),
     ):
         differences = (cost(**{name: size}) - cost(**{name: -size})) / (2.0 * size)
         assert slopes.all() and slopes == pytest.approx(differences, rel=1e-4), name
+        ahead = tdcr.rollout_jvp(ROBOT, commands, rates, start=START, frame_skip=2, scene=POST)
+        assert (ahead.positions * by).sum(axis=(1, 2, 3)) == pytest.approx(slopes, rel=1e-9), name
     assert tdcr.rollout_vjp(ROBOT, commands, by).obstacles.shape == (2, 0, 6)
+
+
+def places_and_turns() -> tuple[np.ndarray, np.ndarray]:
+    """Poses of the post in each of two rows: it is moved and turned in the second. Quaternions of any length."""
+    return (
+        np.array([[[-0.06, 0.0, 0.25]], [[-0.05999, 0.001, 0.251]]]),
+        np.array([[[2.0, 0.0, 0.0, 0.0]], [[0.5, 0.0, 1e-5, 0.1]]]),
+    )
+
+
+def test_each_row_may_have_a_scene_of_its_own() -> None:
+    commands, *_ = arrays()
+    other = POST.moved("post", places_and_turns()[0][1, 0])
+    options = {"start": START, "frame_skip": 2}
+    both = tdcr.rollout(ROBOT, commands, scene=[POST, other], **options)
+    alone = [tdcr.rollout(ROBOT, commands[k : k + 1], scene=scene, **options) for k, scene in enumerate((POST, other))]
+    assert all(np.array_equal(both.positions[k], one.positions[0]) for k, one in enumerate(alone))
+    assert not np.array_equal(both.positions, tdcr.rollout(ROBOT, commands, scene=POST, **options).positions)
+    # Forward mode is the adjoint of the gradient.
+    rng = np.random.default_rng(3)
+    weights = [rng.normal(size=(2, STEPS, 10, width)) for width in (3, 4, 3)]
+    back = tdcr.rollout_vjp(ROBOT, commands, *weights, scene=[POST, other], **options)
+    rates = tdcr.RolloutRates(obstacles=rng.normal(size=(2, 1, 6)), compliance=0.1 * rng.normal(size=(2, 1)))
+    ahead = tdcr.rollout_jvp(ROBOT, commands, rates, scene=[POST, other], **options)
+    forward = sum((w * f).sum() for w, f in zip(weights, (ahead.positions, ahead.quaternions, ahead.velocity), strict=True))
+    backward = (back.obstacles * rates.obstacles).sum() + (back.compliance * rates.compliance).sum()
+    assert abs(forward) > 1.0 and forward == pytest.approx(backward, rel=1e-8)
+    with pytest.raises(InputError, match="there are 3 scenes; expected one, or 2, one for each row"):
+        tdcr.rollout(ROBOT, commands, scene=[POST] * 3)
+    heavy = tdcr.Scene([tdcr.Obstacle.cylinder("post", 0.01, 0.4, position=(-0.06, 0, 0.25), mass=0.1)])
+    with pytest.raises(InputError, match=r"obstacles \[0\] of scene 1 have a mass, of scene 0 \[\]"):
+        tdcr.rollout(ROBOT, commands, scene=[POST, heavy])
+    with pytest.raises(InputError, match="rates.obstacles is given without a scene; expected `scene`"):
+        tdcr.rollout_jvp(ROBOT, commands, rates)
+    with pytest.raises(InputError, match=r"rates.obstacles has shape \(2, 2, 6\); expected \(2, 1, 6\)"):
+        tdcr.rollout_jvp(ROBOT, commands, tdcr.RolloutRates(obstacles=np.ones((2, 2, 6))), scene=POST)
+
+
+def test_poses_of_obstacles_are_inputs_of_motions_in_torch() -> None:
+    torch = pytest.importorskip("torch")
+    import tdcr.torch
+
+    fixed = [torch.tensor(array) for array in arrays()[:3]]
+    places, turns = (torch.tensor(array, requires_grad=True) for array in places_and_turns())
+
+    def cost(commands: torch.Tensor, places: torch.Tensor, turns: torch.Tensor, *start: torch.Tensor) -> torch.Tensor:
+        options = {"scene": POST, "obstacle_positions": places, "obstacle_quaternions": turns}
+        positions, quaternions, rates = tdcr.torch.rollout(ROBOT, commands, *(start or fixed[1:]), frame_skip=2, **options)
+        w, turned = (torch.from_numpy(weights(width)) for width in (3, 4))
+        return (positions * w + 1e-3 * rates * w).sum((-3, -2, -1)) + (quaternions * turned).sum((-3, -2, -1))
+
+    inputs = (fixed[0].clone().requires_grad_(), places, turns)
+    assert torch.autograd.gradcheck(cost, inputs, eps=1e-7, atol=1e-5, rtol=1e-4, fast_mode=True, check_forward_ad=True)
+    found = torch.autograd.grad(cost(*inputs).sum(), inputs)
+    assert all(gradient.shape == tensor.shape and gradient.any() for gradient, tensor in zip(found, inputs, strict=True))
+    detached = tuple(tensor.detach() for tensor in inputs)
+    each = torch.func.vmap(torch.func.grad(cost, (0, 1, 2)))(*detached, *fixed[1:])
+    assert all(torch.allclose(e, f, rtol=1e-9, atol=1e-12) for e, f in zip(each, found, strict=True))
+    direction = tuple(torch.randn_like(tensor) for tensor in detached)
+    _, forward = torch.func.jvp(lambda *a: cost(*a).sum(), detached, direction)
+    assert torch.allclose(forward, sum((f * d).sum() for f, d in zip(found, direction, strict=True)), rtol=1e-8)
+    compiled = torch.autograd.grad(torch.compile(cost, backend="aot_eager", fullgraph=True)(*inputs).sum(), inputs)
+    assert all(torch.allclose(c, f, rtol=1e-12) for c, f in zip(compiled, found, strict=True))
+    # Where the scene has them it is the scene, and one pose may be for all rows.
+    own = torch.tensor([one.position for one in POST], dtype=torch.float64)
+    scene = tdcr.torch.rollout(ROBOT, *fixed, scene=POST)[0]
+    assert torch.equal(tdcr.torch.rollout(ROBOT, *fixed, scene=POST, obstacle_positions=own)[0], scene)
+    with pytest.raises(InputError, match="poses of obstacles are given without a scene"):
+        tdcr.torch.rollout(ROBOT, *fixed, obstacle_positions=own)
+    with pytest.raises(
+        InputError, match=r"obstacle_positions has shape \(1, 2\); expected \(2, 1, 3\), or \(1, 3\) for all rows"
+    ):
+        tdcr.torch.rollout(ROBOT, *fixed, scene=POST, obstacle_positions=own[:, :2])
+
+
+def test_they_are_in_jax_too() -> None:
+    jax = pytest.importorskip("jax")
+    jax.config.update("jax_enable_x64", True)
+    from jax.test_util import check_grads
+
+    import tdcr.jax
+
+    def cost(places: object, turns: object, *fixed: object) -> object:
+        options = {"scene": POST, "obstacle_positions": places, "obstacle_quaternions": turns}
+        positions, quaternions, rates = tdcr.jax.rollout(ROBOT, *fixed, frame_skip=2, **options)
+        return ((positions + 1e-3 * rates) * weights(3)).sum() + (quaternions * weights(4)).sum()
+
+    poses, fixed = places_and_turns(), arrays()[:3]
+    of_rows = jax.jit(jax.vmap(cost))
+    check_grads(lambda *a: of_rows(*a, *fixed), poses, order=1, modes=["rev", "fwd"], eps=1e-7, atol=1e-5, rtol=1e-4)
+    with pytest.raises(InputError, match="poses of obstacles are given without a scene"):
+        tdcr.jax.rollout(ROBOT, *fixed, obstacle_positions=poses[0])
+    with pytest.raises(
+        InputError, match=r"obstacle_quaternions has shape \(2, 1, 3\); expected \(2, 1, 4\), or \(1, 4\) for all"
+    ):
+        tdcr.jax.rollout(ROBOT, *fixed, scene=POST, obstacle_quaternions=poses[0])
 
 
 def test_what_has_no_derivatives_among_obstacles_is_refused_by_name() -> None:

@@ -38,7 +38,8 @@ impl ContactStepper {
         gradient_by(&mut self.adjoint()?, (rollout, states), parameters, cost)
     }
 
-    /// The tangent of a motion among obstacles: as [`rollout_tangent`](crate::dynamics::rollout_tangent) has it.
+    /// The tangent of a motion among obstacles: as [`rollout_tangent`](crate::dynamics::rollout_tangent) has it, along changes of the
+    /// obstacles too.
     ///
     /// # Errors
     /// As [`rollout_gradient`](Self::rollout_gradient).

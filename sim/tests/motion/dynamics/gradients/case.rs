@@ -4,8 +4,8 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::contact::{ContactLaw, ContactStepper};
 use tdcr_sim::dynamics::{
-    Integrator, Rollout, RolloutDirection, RolloutGradient, State, StateCotangent, Stepper,
-    rollout_gradient,
+    Integrator, ObstacleTangent, Rollout, RolloutDirection, RolloutGradient, State, StateCotangent,
+    Stepper, rollout_gradient,
 };
 use tdcr_sim::pose::PoseTangent;
 use tdcr_sim::robot::{Axis, Body, Frame, Parameter, Payload, Robot, RobotSpec, Wrench};
@@ -96,6 +96,16 @@ impl Case {
         }
     }
 
+    /// Another motion of the robot, without a cost.
+    pub fn with(&self, rollout: Rollout) -> Self {
+        Self {
+            spec: self.spec.clone(),
+            rollout,
+            weights: Vec::new(),
+            scene: self.scene.clone(),
+        }
+    }
+
     fn stepper(&self, robot: &Robot) -> Stepper {
         Stepper::new(robot, TIMESTEP, Integrator::SemiImplicitEuler).unwrap()
     }
@@ -175,6 +185,18 @@ impl Case {
         let (n, tendons) = (robot.discs().len(), robot.tendons().len());
         let mut some =
             |count: usize| -> Vec<f64> { (0..count).map(|_| within(-1.0, 1.0, rng)).collect() };
+        let obstacles = self
+            .scene
+            .as_ref()
+            .map_or(0, |scene| scene.obstacles().len());
+        let obstacles = some(7 * obstacles);
+        let of_obstacle = |&[x, y, z, a, b, c, softer]: &[f64; 7]| ObstacleTangent {
+            pose: PoseTangent {
+                position: Vector3::new(x, y, z),
+                rotation: Vector3::new(a, b, c),
+            },
+            compliance: 0.05 * softer,
+        };
         let three = |v: Vec<f64>| -> Vec<Vector3<f64>> {
             v.as_chunks().0.iter().map(|v| Vector3::from(*v)).collect()
         };
@@ -198,17 +220,13 @@ impl Case {
                     .collect(),
             },
             parameters,
+            obstacles: obstacles.as_chunks().0.iter().map(of_obstacle).collect(),
         }
     }
 
     /// The motion with a parameter changed by `by`.
     pub fn moved(&self, parameter: Parameter, by: f64) -> Self {
-        let mut moved = Self {
-            spec: self.spec.clone(),
-            rollout: self.rollout.clone(),
-            weights: Vec::new(),
-            scene: self.scene.clone(),
-        };
+        let mut moved = self.with(self.rollout.clone());
         let robot = Robot::new(self.spec.clone()).unwrap();
         let loads = &mut moved.rollout.loads;
         let wrench = |wrench: Wrench| self.rollout.loads.clone().with_wrench(wrench).unwrap();

@@ -1,14 +1,15 @@
 //! Gradients of motions by everything that they depend on, against differences of motions.
 
+mod by_obstacles;
 mod case;
 mod surroundings;
+mod tangents;
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::dynamics::{
     DynamicsError, Integrator, Lineariser, Rollout, State, Stepper, rollout_gradient,
-    rollout_tangent,
 };
 use tdcr_sim::pose::{PoseTangent, joint_cotangent, rotation_cotangent};
 use tdcr_sim::robot::{
@@ -19,6 +20,7 @@ use super::derivatives::{inner_command, nudged, nudged_command};
 use super::{all_loads, random_robots, random_state, without_kinks};
 use crate::random_robot::within;
 use case::{Case, TIMESTEP, assert_near, assert_parameters, orientations};
+use tangents::assert_adjoint;
 
 #[test]
 fn gradients_by_parameters_are_differences_of_motions() {
@@ -30,48 +32,12 @@ fn gradients_by_parameters_are_differences_of_motions() {
     }
 }
 
-/// The tangent along a direction, weighted, is the gradient of the weighted sum along it. Gradients are those of differences.
 #[test]
 fn the_tangent_is_what_the_gradient_is_the_adjoint_of() {
     let mut rng = ChaCha8Rng::seed_from_u64(47);
     for (index, robot) in random_robots(6, &mut rng).iter().enumerate() {
         let case = Case::random(&without_kinks(robot), 8, &mut rng);
-        let direction = case.direction(&mut rng);
-        let (robot, states) = case.states();
-        let tangents =
-            rollout_tangent(&robot, TIMESTEP, &case.rollout, &states[1..], &direction).unwrap();
-        let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
-        let vectors = |a: &[Vector3<f64>], b: &[Vector3<f64>]| -> f64 {
-            a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
-        };
-        let mut forward = 0.0;
-        for (weights, tangent) in case.weights[1..].iter().zip(&tangents) {
-            forward += dot(&weights.coordinates, &tangent.coordinates);
-            for (weight, pose) in weights.poses.iter().zip(&tangent.poses) {
-                forward +=
-                    weight.position.dot(&pose.position) + weight.rotation.dot(&pose.rotation);
-            }
-        }
-        // The weights of the start are no part of the tangents.
-        let mut after = case;
-        after.weights[0].coordinates.fill(0.0);
-        after.weights[0].poses.fill(PoseTangent::default());
-        let named: Vec<_> = direction.parameters.iter().map(|(p, _)| *p).collect();
-        let gradient = after.gradient(&named);
-        let rates: Vec<f64> = direction.parameters.iter().map(|(_, by)| *by).collect();
-        let parts = [
-            dot(&gradient.commands.concat(), &direction.commands.concat()),
-            dot(&gradient.start, &direction.start),
-            vectors(&gradient.forces, &direction.forces),
-            vectors(&gradient.moments, &direction.moments),
-            dot(&gradient.parameters, &rates),
-        ];
-        let scale: f64 = parts.iter().map(|part| part.abs()).sum();
-        let backward: f64 = parts.iter().sum();
-        assert!(
-            (forward - backward).abs() <= 1e-9 * scale,
-            "robot {index}: {forward} and {backward} of {scale}"
-        );
+        assert_adjoint(&case, &mut rng, &format!("robot {index}"));
     }
 }
 

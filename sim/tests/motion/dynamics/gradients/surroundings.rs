@@ -1,13 +1,10 @@
 //! Derivatives of motions among obstacles, in fluids and of late servos, against differences of motions.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::contact::{ContactLaw, ContactStepper, Sliding};
-use tdcr_sim::dynamics::{
-    DynamicsError, Integrator, Lineariser, Rollout, RolloutDirection, State, Stepper,
-    rollout_tangent,
-};
+use tdcr_sim::dynamics::{DynamicsError, Integrator, Lineariser, Rollout, State, Stepper};
 use tdcr_sim::robot::{
     Fluid, Frame, Loads, Parameter, Payload, PerDisc, Robot, RobotSpec, RodDamping, RodSpec,
     ServoSpec, Wrench,
@@ -16,7 +13,9 @@ use tdcr_sim::scene::{Obstacle, Scene};
 
 use super::super::derivatives::{nudged, nudged_command, random_rollout};
 use super::super::difference;
+use super::by_obstacles::{assert_derivatives_by_obstacles, assert_refuses_others};
 use super::case::{Case, TIMESTEP, all_parameters, assert_near};
+use super::tangents::assert_adjoint;
 use crate::random_robot::within;
 
 const STEPS: usize = 15;
@@ -77,17 +76,6 @@ fn leaning(robot: &Robot, scene: &Scene, (steps, timestep): (usize, f64)) -> Cas
     case
 }
 
-impl Case {
-    fn with(&self, rollout: Rollout) -> Self {
-        Self {
-            spec: self.spec.clone(),
-            rollout,
-            weights: Vec::new(),
-            scene: self.scene.clone(),
-        }
-    }
-}
-
 /// The gradient by every `stride`th parameter and number of the start, and by some commands, beside differences whose steps are
 /// `share` of the usual ones.
 fn assert_gradient(case: &Case, (stride, share): (usize, f64), label: &str) {
@@ -123,65 +111,6 @@ fn assert_gradient(case: &Case, (stride, share): (usize, f64), label: &str) {
     }
 }
 
-/// The gradient by what obstacles are, beside differences.
-fn assert_gradient_by_obstacles(case: &Case, label: &str) {
-    let scene = case.scene.as_ref().unwrap();
-    let gradient = case.gradient(&[]);
-    assert_eq!(gradient.obstacles.len(), scene.obstacles().len());
-    for (number, found) in gradient.obstacles.iter().enumerate() {
-        let numeric = |size: f64, moved: &dyn Fn(&Obstacle, f64) -> Obstacle| {
-            case.numeric(size, |by| {
-                let mut obstacles = scene.obstacles().to_vec();
-                obstacles[number] = moved(&obstacles[number], by);
-                Case {
-                    scene: Some(scene.with_obstacles(obstacles).unwrap()),
-                    ..case.with(case.rollout.clone())
-                }
-            })
-        };
-        for axis in 0..3 {
-            let along = |by: f64| Vector3::ith(axis, by);
-            let expected = numeric(2e-7, &|obstacle, by| {
-                let mut moved = obstacle.clone();
-                moved.pose.translation.vector += along(by);
-                moved
-            });
-            let by_position = found.pose.position[axis];
-            assert_near(
-                by_position,
-                expected,
-                2e-7,
-                &format!("{label}: position {axis}"),
-            );
-            let expected = numeric(2e-6, &|obstacle, by| {
-                let mut moved = obstacle.clone();
-                moved.pose.rotation =
-                    UnitQuaternion::from_scaled_axis(along(by)) * moved.pose.rotation;
-                moved
-            });
-            let by_rotation = found.pose.rotation[axis];
-            assert_near(
-                by_rotation,
-                expected,
-                2e-6,
-                &format!("{label}: rotation {axis}"),
-            );
-        }
-        let expected = numeric(1e-8, &|obstacle, by| {
-            obstacle
-                .clone()
-                .with_compliance(obstacle.compliance + by)
-                .unwrap()
-        });
-        assert_near(
-            found.compliance,
-            expected,
-            1e-8,
-            &format!("{label}: compliance"),
-        );
-    }
-}
-
 /// How the contacts after a motion slide.
 fn sliding(case: &Case) -> Vec<Sliding> {
     let mut stepper = case.among(case.scene.as_ref().unwrap());
@@ -202,7 +131,7 @@ fn gradients_through_contacts_are_differences_of_motions() {
         let case = leaning(&robot, &post(friction), (steps, TIMESTEP));
         assert_eq!(sliding(&case), [expected]);
         assert_gradient(&case, (2, 2e-3), &format!("{expected:?}"));
-        assert_gradient_by_obstacles(&case, &format!("{expected:?}"));
+        assert_derivatives_by_obstacles(&case, &format!("{expected:?}"));
     }
     let robot = Robot::load("3m").unwrap();
     let wall = Obstacle::cuboid("wall", [0.1, 1.0, 1.0]).unwrap();
@@ -210,7 +139,7 @@ fn gradients_through_contacts_are_differences_of_motions() {
     let case = leaning(&robot, &scene, (500, TIMESTEP));
     assert_eq!(sliding(&case), [Sliding::Slips; 2]);
     assert_gradient(&case, (5, 2e-3), "wall");
-    assert_gradient_by_obstacles(&case, "wall");
+    assert_derivatives_by_obstacles(&case, "wall");
 }
 
 #[test]
@@ -265,56 +194,8 @@ fn gradients_of_late_and_weak_servos_are_differences_of_motions() {
     let robot = Robot::new(spec).unwrap();
     let case = Case::random(&robot, STEPS, &mut ChaCha8Rng::seed_from_u64(49));
     assert_gradient(&case, (3, 2e-2), "servos");
-    assert_adjoint(&case, "servos");
-}
-
-/// The tangent along a direction, weighted, is the gradient of the weighted sum along it.
-fn assert_adjoint(case: &Case, label: &str) {
     let mut rng = ChaCha8Rng::seed_from_u64(50);
-    let (robot, states) = case.states();
-    let direction = case.direction(&mut rng);
-    let (rollout, states) = (&case.rollout, &states[1..]);
-    let tangents = match &case.scene {
-        Some(scene) => case
-            .among(scene)
-            .rollout_tangent(rollout, states, &direction),
-        None => rollout_tangent(&robot, TIMESTEP, rollout, states, &direction),
-    }
-    .unwrap();
-    let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
-    let vectors = |a: &[Vector3<f64>], b: &[Vector3<f64>]| -> f64 {
-        a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
-    };
-    let mut last = case.with(case.rollout.clone());
-    last.weights.clone_from(&case.weights);
-    for weights in &mut last.weights[..STEPS] {
-        weights.coordinates.fill(0.0);
-        weights.poses.fill(Default::default());
-    }
-    let (weights, tangent) = (&last.weights[STEPS], &tangents[STEPS - 1]);
-    let mut forward = dot(&weights.coordinates, &tangent.coordinates);
-    for (weight, pose) in weights.poses.iter().zip(&tangent.poses) {
-        forward += weight.position.dot(&pose.position) + weight.rotation.dot(&pose.rotation);
-    }
-    let RolloutDirection { parameters, .. } = &direction;
-    let gradient = last.gradient(&parameters.iter().map(|(p, _)| *p).collect::<Vec<_>>());
-    let rates: Vec<f64> = parameters.iter().map(|(_, by)| *by).collect();
-    let parts = [
-        dot(&gradient.commands.concat(), &direction.commands.concat()),
-        dot(&gradient.start, &direction.start),
-        vectors(&gradient.forces, &direction.forces),
-        vectors(&gradient.moments, &direction.moments),
-        dot(&gradient.parameters, &rates),
-        (gradient.wrenches.iter().flatten())
-            .zip(direction.wrenches.iter().flatten())
-            .map(|(by, change)| vectors(by, change))
-            .sum(),
-    ];
-    let (scale, backward): (f64, f64) = (parts.iter().map(|x| x.abs()).sum(), parts.iter().sum());
-    assert!(
-        (forward - backward).abs() <= 1e-9 * scale,
-        "{label}: {forward} and {backward} of {scale}"
-    );
+    assert_adjoint(&case, &mut rng, "servos");
 }
 
 #[test]
@@ -325,7 +206,7 @@ fn gradients_by_the_wrenches_of_each_step_are_differences_of_motions() {
     let mut vector = |size: f64| Vector3::from_fn(|_, _| within(-size, size, &mut rng));
     let mut of_step = || (0..10).map(|_| [vector(0.1), vector(0.01)]).collect();
     case.rollout.wrenches = (0..STEPS).map(|_| of_step()).collect();
-    assert_adjoint(&case, "wrenches");
+    assert_adjoint(&case, &mut rng, "wrenches");
     let gradient = case.gradient(&[]);
     for (step, disc, kind, axis) in [(0, 9, 0, 1), (4, 3, 1, 2), (STEPS - 1, 9, 0, 0)] {
         let expected = case.numeric(1e-3, |by| {
@@ -362,7 +243,9 @@ fn tangents_and_linearised_steps_have_the_contacts_and_the_fluid_in_them() {
     let robot = in_fluid();
     let scene = post(0.2);
     let case = leaning(&robot, &scene, (80, TIMESTEP));
-    assert_adjoint(&case, "post in a fluid");
+    let mut rng = ChaCha8Rng::seed_from_u64(50);
+    assert_adjoint(&case, &mut rng, "post in a fluid");
+    assert_refuses_others(&case);
     let stepper = case.among(&scene);
     let (command, loads) = (&case.rollout.commands[0], &case.rollout.loads);
     let start = &case.rollout.start;
