@@ -355,6 +355,9 @@ def test_poses_of_obstacles_are_inputs_of_pytorch() -> None:
     assert torch.autograd.gradcheck(cost, (places, turns), eps=1e-7, atol=1e-4, rtol=1e-3, check_forward_ad=True)
     same = settle(BALLS, commands, PAYLOAD, scene=SCENE, obstacle_positions=places)[0]
     assert torch.equal(same, settle(BALLS, commands, PAYLOAD, scene=SCENE)[0])
+    compiled = torch.compile(cost, backend="aot_eager", fullgraph=True)
+    found, expected = (torch.autograd.grad(one(places, turns), (places, turns)) for one in (compiled, cost))
+    assert all(torch.allclose(f, e, rtol=1e-12) for f, e in zip(found, expected, strict=True))
     with pytest.raises(InputError, match="poses of obstacles are given without a scene"):
         settle(BALLS, commands, obstacle_positions=places)
     with pytest.raises(InputError, match="obstacle_positions has shape"):
