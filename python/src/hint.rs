@@ -95,7 +95,7 @@ pub fn of_data(error: &DataError) -> Option<String> {
         DataError::Unmerged { .. } => "tdcr.merge puts them together",
         DataError::Merge(error) => match &**error {
             MergeError::NotAPart { .. } | MergeError::Missing { .. } => {
-                "`tdcr collect --part I/N` makes part I, with the options of the others"
+                "tdcr.collect(part=\"I/N\") makes part I, with the arguments of the others"
             }
             _ => return None,
         },

@@ -103,8 +103,8 @@ def calibrate_recording(
         data: The recording: a table of markers (CSV with a header), the folder of a data set, whose train split is fitted to, or
             the log of a capture (``.mcap``).
         columns: Which column holds what: a TOML file, or a dictionary of the same keys. Data sets and logs need none.
-        validate: Another recording with the same columns, or of clouds where ``data`` has clouds, to hold the calibrated robot
-            against; where not given, of a data set its val and test splits.
+        validate: Another recording with the same columns, or of clouds where ``data`` has clouds, to validate the calibrated
+            robot on; where not given, of a data set its val and test splits.
         fit: Groups of unknowns; those of the default ones that the robot has, where none are given. ``[]`` fits nothing,
             ``["default", "friction"]`` friction besides the default ones. With ``"servo_map"``, which servo pulls which tendon,
             and which way, is found first; with the default ones only where ``columns`` is clearly wrong, and so is the frame of
@@ -113,7 +113,7 @@ def calibrate_recording(
             file, or a dictionary from the name to ``spread`` (standard deviation, of factors and gains a share), ``bounds``
             (lowest and highest value), ``value`` (the mean, where the fit starts) and ``unit`` (which is compared); what is not
             said is as the robot and the groups have it.
-        loss: Distance (m) from which a miss counts less than by its square; a fortieth of the robot's length.
+        loss: Distance (m) beyond which a residual counts less than by its square; a fortieth of the robot's length.
         starts: Starts of the fit: the robot's own values, then others at random.
         seed: Seed of the random starts.
         skip_bad_rows: Leave out rows that cannot be used, with a warning; without it, they are named and refused.

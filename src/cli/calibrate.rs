@@ -34,7 +34,7 @@ pub(super) struct CalibrateArgs {
     /// offsets and the frame are used
     #[arg(long, value_name = "FILE")]
     columns: Option<PathBuf>,
-    /// Another recording with the same columns, or of clouds where --data has clouds, to hold the calibrated robot against [default:
+    /// Another recording with the same columns, or of clouds where --data has clouds, to validate the calibrated robot on [default:
     /// of a data set its val and test splits; else none]
     #[arg(long, value_name = "FILE")]
     validate: Option<PathBuf>,
@@ -50,7 +50,7 @@ pub(super) struct CalibrateArgs {
     /// docs/sim-to-real.md) [default: the robot file and the priors of the groups]
     #[arg(long, value_name = "FILE")]
     priors: Option<PathBuf>,
-    /// Distance (m) from which a marker's or a point's miss counts less than by its square [default: a fortieth of the robot's length]
+    /// Distance (m) beyond which a marker's or a point's residual counts less than by its square [default: a fortieth of the robot's length]
     #[arg(long, value_name = "M", value_parser = super::positive)]
     loss: Option<f64>,
     /// Starts of the fit: the robot's own values, then others at random

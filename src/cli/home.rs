@@ -12,7 +12,7 @@ use super::console::Console;
 /// Bytes that the log leaves on its disk: where servos stand is written there too.
 const LOG_LEAVES: u64 = 1 << 20;
 
-/// Tell a rig where its servos stand, which forget their turns without power; nothing moves but with --check
+/// Define a rig's home, as servos lose count of their turns without power; nothing moves but with --check
 ///
 /// Without --here, home is found from where the servos were left, which works while none was turned by more than a quarter of
 /// a turn since. What is known is kept beside the rig's file (FILE with the extension .turns.json).

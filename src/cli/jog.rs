@@ -16,7 +16,7 @@ use super::jog_tip;
 use super::jogged::{Jogged, end};
 use super::keys::Keys;
 
-/// Bend a robot by keys, and capture what pleases
+/// Bend a robot by keys, and capture chosen poses
 ///
 /// Digits choose a module; w, a, s, d or the arrows bend it; + and - change the tension that its tendons share; h straightens the
 /// robot, c captures, q lets go and ends. Commands under which a tendon would go slack or be overloaded are refused. What is

@@ -324,7 +324,7 @@ fn table(settled: &Settled) -> String {
     );
     if let Some(said) = settled
         .examined
-        .and_then(|examined| said_of(examined, settled.stability))
+        .and_then(|examined| basis_of(examined, settled.stability))
     {
         let _ = writeln!(text, "{said}");
     }
@@ -370,7 +370,7 @@ fn table(settled: &Settled) -> String {
 }
 
 /// What the kind of an equilibrium under loads without a potential was told from.
-fn said_of(examined: Examined, stability: Option<Stability>) -> Option<&'static str> {
+fn basis_of(examined: Examined, stability: Option<Stability>) -> Option<&'static str> {
     match examined {
         Examined::Energy => None,
         Examined::Motion => Some(

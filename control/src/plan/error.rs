@@ -53,7 +53,7 @@ pub enum PlanError {
     /// The search ended without a plan. There may be one.
     #[error(
         "no motion was found with {nodes} nodes in {seconds:.1} s ({limit}); {}",
-        told(halts)
+        in_words(halts)
     )]
     NotFound {
         /// What ended the search.
@@ -131,7 +131,7 @@ pub enum Refusal {
 }
 
 /// What was in the way, the most frequent first.
-fn told(halts: &Halts) -> String {
+fn in_words(halts: &Halts) -> String {
     let mut all = [
         (halts.near, "came too near to an obstacle or a disc"),
         (halts.unsettled, "led to no stable equilibrium"),

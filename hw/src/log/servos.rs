@@ -1,4 +1,4 @@
-//! What a bus was told and what it said, as records.
+//! What a bus was sent and what it said, as records.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -35,20 +35,20 @@ pub fn servo_sink(log: SharedLog) -> impl FnMut(Duration, Record<'_>) + Send {
     move |time, record| sink.record(time, record)
 }
 
-/// What a servo took or said, or why not.
+/// What a servo took or reported, or why not.
 type Answer<'a, T> = (ServoId, Result<T, &'a ServoError>);
 
-/// Values that servos were told each.
+/// Values that were sent to each servo.
 fn zip<'a, T: Copy>(
-    told: &'a [(ServoId, T)],
+    sent: &'a [(ServoId, T)],
     results: &'a PerServo<()>,
 ) -> impl Iterator<Item = Answer<'a, T>> {
-    let answers = told.iter().zip(results);
+    let answers = sent.iter().zip(results);
     answers.map(|(&(id, value), result)| (id, result.as_ref().map(|()| value)))
 }
 
-/// A value that servos were told.
-fn told<'a, T: Copy + 'a>(
+/// A value that was sent to servos.
+fn sent<'a, T: Copy + 'a>(
     ids: &'a [ServoId],
     value: T,
     results: &'a PerServo<()>,
@@ -57,7 +57,7 @@ fn told<'a, T: Copy + 'a>(
     answers.map(move |(&id, result)| (id, result.as_ref().map(|()| value)))
 }
 
-/// Values that servos said.
+/// Values that servos reported.
 fn read<'a, T: Copy>(
     ids: &'a [ServoId],
     results: &'a PerServo<T>,
@@ -185,18 +185,18 @@ impl ServoSink {
                 });
             }
             Setting::Torque(ids, torque) => {
-                self.status(time, told(ids, torque, results), |s, torque| {
+                self.status(time, sent(ids, torque, results), |s, torque| {
                     s.torque = Some(torque)
                 });
             }
             Setting::Mode(ids, mode) => {
-                self.status(time, told(ids, mode, results), |s, mode| {
+                self.status(time, sent(ids, mode, results), |s, mode| {
                     s.mode = Some(mode)
                 });
             }
             Setting::Watchdog(ids, timeout) => {
                 let state = timeout.map_or(WatchdogState::Off, WatchdogState::Armed);
-                self.status(time, told(ids, state, results), |s, state| {
+                self.status(time, sent(ids, state, results), |s, state| {
                     s.watchdog = Some(state)
                 });
             }

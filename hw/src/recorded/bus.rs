@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::order::{Known, Order};
+use super::servo_command::{Known, ServoCommand};
 use super::stream::{RecordedError, Stream};
 use crate::clock::Clock;
 use crate::log::{Goal, LogRecord, Reading, ServoHome, ServoStatus, Topic};
@@ -14,9 +14,9 @@ use crate::servo::{
     ServoId, Setting, Ticks, Torque, WatchdogState,
 };
 
-/// What a recording does with orders: it moves as it moved, whatever it is told.
+/// What a recording does with commands: it moves as it moved, whatever it is commanded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Orders {
+pub enum Commands {
     /// They must be those that were logged, in their order: so a program is run again on what it saw. Restarts are taken, and
     /// change nothing.
     #[default]
@@ -27,22 +27,22 @@ pub enum Orders {
 
 /// The servos of a log.
 ///
-/// Where orders are compared, calls are answered in the order of the log: a reading is the next one, an order is compared with
+/// Where commands are compared, calls are answered in the order of the log: a reading is the next one, a command is compared with
 /// the next of its kind, and other questions are answered by what comes next, if that is an answer, else by the last that was
 /// said. The clock is then at the time at which the logged call returned, or where it was, if that is later. How often a rig
 /// reads servos that hold their goals, and tells them the same once more, is a matter of time: such repetitions need not be those
 /// of the log.
 ///
-/// Where orders are refused, calls are answered by time: a reading is the first that was logged at the clock's time or later,
+/// Where commands are refused, calls are answered by time: a reading is the first that was logged at the clock's time or later,
 /// for which the clock waits, and other questions are answered by the last that was said up to then.
 pub struct RecordedBus {
     stream: Stream,
     clock: Arc<dyn Clock>,
-    orders: Orders,
+    commands: Commands,
     /// All servos of the log up to here.
     servos: BTreeMap<ServoId, Known>,
-    /// Goals that the servos were told last, here.
-    told: BTreeMap<ServoId, Ticks>,
+    /// Goals that were sent to the servos last, here.
+    sent: BTreeMap<ServoId, Ticks>,
     /// The last reading.
     last: Vec<(ServoId, Reading)>,
     /// The first record that has not been reached.
@@ -54,13 +54,17 @@ impl RecordedBus {
     ///
     /// # Errors
     /// [`RecordedError`] where the log cannot be read.
-    pub fn open(path: &Path, clock: Arc<dyn Clock>, orders: Orders) -> Result<Self, RecordedError> {
+    pub fn open(
+        path: &Path,
+        clock: Arc<dyn Clock>,
+        commands: Commands,
+    ) -> Result<Self, RecordedError> {
         let mut bus = Self {
             stream: Stream::open(path)?,
             clock,
-            orders,
+            commands,
             servos: BTreeMap::new(),
-            told: BTreeMap::new(),
+            sent: BTreeMap::new(),
             last: Vec::new(),
             next: None,
         };
@@ -124,13 +128,13 @@ impl RecordedBus {
 
     /// The next reading of any of `ids`, or in which nobody answered.
     fn reading(&mut self, ids: &[ServoId]) -> Result<Vec<(ServoId, Reading)>, RecordedError> {
-        let from = match self.orders {
-            Orders::Compare => Duration::ZERO,
-            Orders::Refuse => self.clock.now(),
+        let from = match self.commands {
+            Commands::Compare => Duration::ZERO,
+            Commands::Refuse => self.clock.now(),
         };
         loop {
-            // Servos that were not told yet to go on stay where they are.
-            if self.is_told_next(ids) && !self.last.is_empty() {
+            // Servos that were not commanded to go on yet stay where they are.
+            if self.is_sent_next(ids) && !self.last.is_empty() {
                 return Ok(self.last.clone());
             }
             let Some((time, record)) = self.step()? else {
@@ -149,18 +153,18 @@ impl RecordedBus {
         Err(self.stream.ended())
     }
 
-    /// Whether the next record tells any of `ids` to go where it was not told to go here.
-    fn is_told_next(&self, ids: &[ServoId]) -> bool {
+    /// Whether the next record tells any of `ids` to go where it was not commanded to go here.
+    fn is_sent_next(&self, ids: &[ServoId]) -> bool {
         let Some((_, LogRecord::Goals(goals))) = &self.next else {
             return false;
         };
-        self.orders == Orders::Compare
+        self.commands == Commands::Compare
             && goals.iter().any(|(id, goal)| {
-                let told = self.told.get(id);
+                let sent = self.sent.get(id);
                 ids.contains(id)
                     && goal
                         .position
-                        .is_some_and(|goal| told.is_some_and(|told| *told != goal))
+                        .is_some_and(|goal| sent.is_some_and(|sent| *sent != goal))
             })
     }
 
@@ -195,9 +199,9 @@ impl RecordedBus {
         quantity: &'static str,
         value: impl Fn(&Known) -> Option<T>,
     ) -> PerServo<T> {
-        let went_on = match self.orders {
-            Orders::Compare => self.listen(ids, &value),
-            Orders::Refuse => self.catch_up(),
+        let went_on = match self.commands {
+            Commands::Compare => self.listen(ids, &value),
+            Commands::Refuse => self.catch_up(),
         };
         if let Err(error) = went_on {
             return fail(ids, error);
@@ -210,36 +214,37 @@ impl RecordedBus {
         ids.iter().map(one).collect()
     }
 
-    /// Orders: the next of their kind that were logged of these servos, or refused.
-    fn obey(&mut self, orders: &[(ServoId, Order)]) -> PerServo<()> {
-        if self.orders == Orders::Refuse {
-            let refuse = |&(id, _): &(ServoId, Order)| Err(line(RecordedError::LookOnly { id }));
-            return orders.iter().map(refuse).collect();
+    /// Commands: the next of their kind that were logged of these servos, or refused.
+    fn apply(&mut self, commands: &[(ServoId, ServoCommand)]) -> PerServo<()> {
+        if self.commands == Commands::Refuse {
+            let refuse =
+                |&(id, _): &(ServoId, ServoCommand)| Err(line(RecordedError::LookOnly { id }));
+            return commands.iter().map(refuse).collect();
         }
-        if orders.is_empty() {
+        if commands.is_empty() {
             return Vec::new();
         }
-        let repeats = |&(id, order): &(ServoId, Order)| match order {
-            Order::Position(goal) => self.told.get(&id) == Some(&goal),
+        let repeats = |&(id, command): &(ServoId, ServoCommand)| match command {
+            ServoCommand::Position(goal) => self.sent.get(&id) == Some(&goal),
             _ => false,
         };
-        if orders.iter().all(repeats) {
-            return orders.iter().map(|_| Ok(())).collect();
+        if commands.iter().all(repeats) {
+            return commands.iter().map(|_| Ok(())).collect();
         }
-        let (time, record) = match self.next_orders(orders) {
+        let (time, record) = match self.next_commands(commands) {
             Ok(found) => found,
-            Err(error) => return fail(orders.iter().map(|(id, _)| id), error),
+            Err(error) => return fail(commands.iter().map(|(id, _)| id), error),
         };
         self.clock.wait_until(time);
-        let told = &mut self.told;
-        let one = |&(id, given): &(ServoId, Order)| match given.logged(&record, id) {
+        let sent = &mut self.sent;
+        let one = |&(id, given): &(ServoId, ServoCommand)| match given.logged(&record, id) {
             Some(recorded) if recorded == given => {
-                if let Order::Position(goal) = given {
-                    told.insert(id, goal);
+                if let ServoCommand::Position(goal) = given {
+                    sent.insert(id, goal);
                 }
                 Ok(())
             }
-            // A servo that was told so and did not hear it.
+            // A servo that was commanded so and missed it.
             None => Err(ServoError::NoAnswer {
                 id,
                 waited: Duration::ZERO,
@@ -251,26 +256,27 @@ impl RecordedBus {
                 given,
             })),
         };
-        orders.iter().map(one).collect()
+        commands.iter().map(one).collect()
     }
 
-    /// The next record with an order to one of these servos, of the kind of its order here, which is no repetition.
-    fn next_orders(
+    /// The next record with a command to one of these servos, of the kind of its command here, which is no repetition.
+    fn next_commands(
         &mut self,
-        orders: &[(ServoId, Order)],
+        commands: &[(ServoId, ServoCommand)],
     ) -> Result<(Duration, LogRecord), RecordedError> {
         loop {
-            let known: Vec<Option<Order>> = (orders.iter())
-                .map(|(id, order)| order.known(self.servos.get(id)?))
+            let known: Vec<Option<ServoCommand>> = (commands.iter())
+                .map(|(id, command)| command.known(self.servos.get(id)?))
                 .collect();
             let Some((time, record)) = self.step()? else {
                 break;
             };
-            let is_told = |((id, order), known): (&(ServoId, Order), &Option<Order>)| {
-                let logged = order.logged(&record, *id);
-                logged == Some(*order) || logged.is_some() && logged != *known
-            };
-            if orders.iter().zip(&known).any(is_told) {
+            let is_sent =
+                |((id, command), known): (&(ServoId, ServoCommand), &Option<ServoCommand>)| {
+                    let logged = command.logged(&record, *id);
+                    logged == Some(*command) || logged.is_some() && logged != *known
+                };
+            if commands.iter().zip(&known).any(is_sent) {
                 return Ok((time, record));
             }
         }
@@ -291,15 +297,18 @@ pub fn homes(path: &Path) -> Result<Vec<ServoHome>, RecordedError> {
     }
 }
 
-/// One order to all of `ids`.
-fn all(ids: &[ServoId], order: Order) -> Vec<(ServoId, Order)> {
-    ids.iter().map(|&id| (id, order)).collect()
+/// One command to all of `ids`.
+fn all(ids: &[ServoId], command: ServoCommand) -> Vec<(ServoId, ServoCommand)> {
+    ids.iter().map(|&id| (id, command)).collect()
 }
 
-/// An order to each servo.
-fn each<T: Copy>(values: &[(ServoId, T)], order: impl Fn(T) -> Order) -> Vec<(ServoId, Order)> {
-    let orders = values.iter().map(|&(id, value)| (id, order(value)));
-    orders.collect()
+/// An command to each servo.
+fn each<T: Copy>(
+    values: &[(ServoId, T)],
+    command: impl Fn(T) -> ServoCommand,
+) -> Vec<(ServoId, ServoCommand)> {
+    let commands = values.iter().map(|&(id, value)| (id, command(value)));
+    commands.collect()
 }
 
 /// The line between the program and the servos is the recording.
@@ -342,18 +351,18 @@ impl ServoBus for RecordedBus {
     }
 
     fn set(&mut self, setting: Setting<'_>) -> PerServo<()> {
-        let orders = match setting {
-            Setting::Torque(ids, torque) => all(ids, Order::Torque(torque)),
-            Setting::Mode(ids, mode) => all(ids, Order::Mode(mode)),
-            Setting::GoalPositions(goals) => each(goals, Order::Position),
-            Setting::GoalCurrents(goals) => each(goals, Order::Current),
-            Setting::CurrentLimits(limits) => each(limits, Order::CurrentLimit),
+        let commands = match setting {
+            Setting::Torque(ids, torque) => all(ids, ServoCommand::Torque(torque)),
+            Setting::Mode(ids, mode) => all(ids, ServoCommand::Mode(mode)),
+            Setting::GoalPositions(goals) => each(goals, ServoCommand::Position),
+            Setting::GoalCurrents(goals) => each(goals, ServoCommand::Current),
+            Setting::CurrentLimits(limits) => each(limits, ServoCommand::CurrentLimit),
             Setting::Watchdog(ids, timeout) => {
                 let state = timeout.map_or(WatchdogState::Off, WatchdogState::Armed);
-                all(ids, Order::Watchdog(state))
+                all(ids, ServoCommand::Watchdog(state))
             }
         };
-        self.obey(&orders)
+        self.apply(&commands)
     }
 
     fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
@@ -415,10 +424,10 @@ impl ServoBus for RecordedBus {
     }
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {
-        match self.orders {
+        match self.commands {
             // What came of a restart is in the log.
-            Orders::Compare => Ok(()),
-            Orders::Refuse => Err(line(RecordedError::LookOnly { id })),
+            Commands::Compare => Ok(()),
+            Commands::Refuse => Err(line(RecordedError::LookOnly { id })),
         }
     }
 

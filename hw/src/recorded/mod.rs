@@ -10,13 +10,13 @@
 mod bus;
 mod camera;
 mod clouds;
-mod order;
 mod samples;
+mod servo_command;
 mod stream;
 
-pub use bus::{Orders, RecordedBus, homes};
+pub use bus::{Commands, RecordedBus, homes};
 pub use camera::RecordedCamera;
 pub use clouds::{LoggedCloud, LoggedClouds};
-pub use order::Order;
 pub use samples::{SamplePictures, Samples};
+pub use servo_command::ServoCommand;
 pub use stream::RecordedError;

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use thiserror::Error;
 
-use super::order::Order;
+use super::servo_command::ServoCommand;
 use crate::log::{DecodeError, Entry, LogError, LogReader, LogRecord, Message, Topic};
 use crate::servo::ServoId;
 
@@ -64,11 +64,11 @@ pub enum RecordedError {
         /// When it was told so.
         time: Duration,
         /// What it was told then.
-        recorded: Order,
+        recorded: ServoCommand,
         /// What it was told now.
-        given: Order,
+        given: ServoCommand,
     },
-    /// Orders are refused altogether.
+    /// Commands are refused altogether.
     #[error("servo {id} is a recording that is only looked at: it takes no orders")]
     LookOnly {
         /// Which servo.

@@ -16,7 +16,7 @@ use crate::camera::RgbdCamera;
 use crate::clock::{Clock, SystemClock, VirtualClock};
 use crate::dynamixel::{Bus, BusSettings};
 use crate::realsense::{RealSense, RealSenseSetup};
-use crate::recorded::{Orders, RecordedBus, RecordedCamera, homes};
+use crate::recorded::{Commands, RecordedBus, RecordedCamera, homes};
 use crate::serial::{Serial, SerialSettings};
 use crate::servo::ServoBus;
 use crate::simulated::camera::{CameraFaults, CameraSetup, SimulatedCamera, Subject, table};
@@ -57,7 +57,7 @@ impl Rig {
                 (Box::new(Bus::new(line, BusSettings::default())), None)
             }
             ServoLink::Recorded(log) => {
-                let bus = RecordedBus::open(&file.resolve(log), clock.clone(), Orders::Compare);
+                let bus = RecordedBus::open(&file.resolve(log), clock.clone(), Commands::Compare);
                 let bus = bus.map_err(|error| unavailable(&file, "servos.link", error))?;
                 (Box::new(bus), None)
             }

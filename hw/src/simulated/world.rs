@@ -113,7 +113,7 @@ impl World {
                             instruction,
                             parameters: &parameters,
                         };
-                        self.obey(at, id, Instruction::decode(&frame));
+                        self.execute(at, id, Instruction::decode(&frame));
                     }
                     Received::Damaged(id) => self.refuse(at, id, Refusal::Crc),
                 }
@@ -177,7 +177,7 @@ impl World {
     }
 
     /// An instruction has arrived.
-    fn obey(
+    fn execute(
         &mut self,
         at: Duration,
         id: PacketId,
@@ -190,7 +190,7 @@ impl World {
         };
         self.listening().for_each(|device| device.hear(at));
         match (id, instruction) {
-            (PacketId::Servo(id), instruction) => self.obey_one(at, id, &instruction),
+            (PacketId::Servo(id), instruction) => self.execute_one(at, id, &instruction),
             (PacketId::Broadcast, Instruction::Ping) => self.answer_in_turn(at),
             (PacketId::Broadcast, Instruction::Read { .. }) => {}
             // Too dangerous, says the manual: all servos would have one id.
@@ -239,7 +239,7 @@ impl World {
     }
 
     /// An instruction to one servo.
-    fn obey_one(&mut self, at: Duration, id: ServoId, instruction: &Instruction<'_>) {
+    fn execute_one(&mut self, at: Duration, id: ServoId, instruction: &Instruction<'_>) {
         let mut answers = Vec::new();
         for device in self.listening() {
             if device.shadows(id) {

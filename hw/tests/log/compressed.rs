@@ -11,7 +11,7 @@ use tdcr_hw::log::{
     ChunkFormat, Contents, Image, LogError, LogReader, LogRecord, LogSettings, LogWriter, Problem,
     repair,
 };
-use tdcr_hw::recorded::{LoggedClouds, Orders, RecordedBus, RecordedCamera, Samples, homes};
+use tdcr_hw::recorded::{Commands, LoggedClouds, RecordedBus, RecordedCamera, Samples, homes};
 
 use super::sample::{bytes, read};
 
@@ -213,7 +213,7 @@ fn compressions_that_are_not_known_are_refused_by_name_everywhere() {
     assert!(!repaired.exists());
     let clock = || Arc::new(VirtualClock::new());
     refused(
-        RecordedBus::open(&path, clock(), Orders::Compare)
+        RecordedBus::open(&path, clock(), Commands::Compare)
             .err()
             .unwrap()
             .to_string(),

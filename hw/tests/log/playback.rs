@@ -10,7 +10,7 @@ use tdcr_hw::dynamixel::{Bus, BusSettings};
 use tdcr_hw::log::{
     Goal, LogError, LogRecord, LogSettings, LogWriter, Reading, ServoStatus, SharedLog, servo_sink,
 };
-use tdcr_hw::recorded::{Orders, RecordedBus, RecordedCamera, RecordedError};
+use tdcr_hw::recorded::{Commands, RecordedBus, RecordedCamera, RecordedError};
 use tdcr_hw::servo::{
     Logged, OperatingMode, PerServo, ServoBus, ServoError, ServoId, Setting, Ticks, Torque,
 };
@@ -155,7 +155,7 @@ fn a_program_sees_the_same_on_the_log_of_its_run() {
     let logged = log(&path);
     assert!(logged.iter().any(|line| line.contains("2 does not answer")));
     let clock = Arc::new(VirtualClock::new());
-    let mut bus = RecordedBus::open(&path, clock.clone(), Orders::Compare).unwrap();
+    let mut bus = RecordedBus::open(&path, clock.clone(), Commands::Compare).unwrap();
     let mut camera = RecordedCamera::open(&path, SERIAL, clock.clone()).unwrap();
     let played = program(&*clock, &mut bus, &mut camera, |_| {}, |_| {});
     assert_eq!(logged.len(), played.len());
@@ -218,7 +218,7 @@ fn a_recording_waits_for_its_time_and_ends() {
     let path = folder.path().join("log.mcap");
     short_log(&path);
     let clock = Arc::new(VirtualClock::new());
-    let mut bus = RecordedBus::open(&path, clock.clone(), Orders::Compare).unwrap();
+    let mut bus = RecordedBus::open(&path, clock.clone(), Commands::Compare).unwrap();
     let both = [id(1), id(2)];
     assert_eq!(bus.present(&both)[1].as_ref().unwrap().position, Ticks(1));
     assert_eq!(clock.now(), Duration::ZERO);
@@ -245,7 +245,7 @@ fn orders_other_than_those_of_the_recording_are_refused() {
     let path = folder.path().join("log.mcap");
     short_log(&path);
     let clock = Arc::new(VirtualClock::new());
-    let mut bus = RecordedBus::open(&path, clock.clone(), Orders::Compare).unwrap();
+    let mut bus = RecordedBus::open(&path, clock.clone(), Commands::Compare).unwrap();
     let said = words(bus.set(Setting::GoalPositions(&[
         (id(1), Ticks(7)),
         (id(2), Ticks(8)),
@@ -261,7 +261,7 @@ fn orders_other_than_those_of_the_recording_are_refused() {
         words(bus.set(Setting::Torque(&[id(1)], Torque::On)))[0].contains("the recording ends")
     );
 
-    let mut shown = RecordedBus::open(&path, clock, Orders::Refuse).unwrap();
+    let mut shown = RecordedBus::open(&path, clock, Commands::Refuse).unwrap();
     let said = words(shown.set(Setting::GoalPositions(&[(id(1), Ticks(7))])));
     assert!(said[0].contains("only looked at"), "{said:?}");
 }
@@ -315,7 +315,7 @@ fn repetitions_need_not_be_those_of_the_recording() {
     }
     log.finish().unwrap();
     let clock = Arc::new(VirtualClock::new());
-    let mut bus = RecordedBus::open(&path, clock, Orders::Compare).unwrap();
+    let mut bus = RecordedBus::open(&path, clock, Commands::Compare).unwrap();
     let one = [id(1)];
     let tell = |bus: &mut RecordedBus, tick| {
         words(bus.set(Setting::GoalPositions(&[(id(1), Ticks(tick))])))
@@ -338,7 +338,7 @@ fn what_a_log_cannot_play_is_named() {
     let path = folder.path().join("log.mcap");
     let clock = Arc::new(VirtualClock::new());
     std::fs::write(&path, "no log").unwrap();
-    let refused = RecordedBus::open(&path, clock.clone(), Orders::Compare).err();
+    let refused = RecordedBus::open(&path, clock.clone(), Commands::Compare).err();
     assert!(matches!(
         refused,
         Some(RecordedError::Log(LogError::NotALog { .. }))
@@ -412,14 +412,14 @@ fn a_recording_that_is_looked_at_shows_what_was_at_its_time() {
     let path = folder.path().join("log.mcap");
     short_log(&path);
     let clock = Arc::new(VirtualClock::new());
-    let mut bus = RecordedBus::open(&path, clock.clone(), Orders::Refuse).unwrap();
+    let mut bus = RecordedBus::open(&path, clock.clone(), Commands::Refuse).unwrap();
     clock.wait(Duration::from_millis(500));
     assert_eq!(
         bus.present(&[id(1)])[0].as_ref().unwrap().position,
         Ticks(7)
     );
     assert_eq!(clock.now(), Duration::from_secs(2));
-    let mut bus = RecordedBus::open(&path, clock.clone(), Orders::Refuse).unwrap();
+    let mut bus = RecordedBus::open(&path, clock.clone(), Commands::Refuse).unwrap();
     assert!(matches!(bus.temperatures(&[id(1)])[0], Ok(40.0)));
     assert!(matches!(bus.goal_positions(&[id(2)])[0], Ok(Ticks(7))));
 }

@@ -192,4 +192,4 @@ class Insert(Task):
         off = np.maximum(aside[row, piece] - self._play, 0.0)
         distance = left + off
         told = {"depth": self._depth - left, "insertion": world.commands[:, -1].copy()}
-        return {"distance": -distance / world.length}, {**self.told(distance), **told}
+        return {"distance": -distance / world.length}, {**self.info(distance), **told}

@@ -137,7 +137,7 @@ class Push(Reach):
         behind = at - reach * left / np.maximum(distance, self.tolerance)[:, None]
         gap = norms(world.simulation.positions() - behind[:, None]).min(axis=1)
         terms = {"distance": -distance / world.length, "reach": -gap / world.length}
-        return terms, {**self.told(distance), "gap": gap, "object_position": at}
+        return terms, {**self.info(distance), "gap": gap, "object_position": at}
 
     def targets(self, row: int, step: int) -> Floats:
         return self.world.unscaled(self.goal[row, :3].reshape(1, 3))

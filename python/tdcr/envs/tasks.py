@@ -97,7 +97,7 @@ class Task:
         """Points to draw into pictures of a row, shape (points, 3) (m)."""
         return self.world.unscaled(self.goal[row].reshape(-1, 3))
 
-    def told(self, distance: Floats) -> Infos:
+    def info(self, distance: Floats) -> Infos:
         """The usual information."""
         return {"distance": distance, "is_success": distance < self.tolerance}
 
@@ -146,7 +146,7 @@ class Reach(Task):
 
     def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
         apart = norms(self.world.tips(observed) - goals[:, :3])
-        return {"distance": -apart}, self.told(apart * self.world.length)
+        return {"distance": -apart}, self.info(apart * self.world.length)
 
 
 class ReachGoal(Reach):
@@ -165,7 +165,7 @@ class ReachGoal(Reach):
 
     def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
         tips = self.world.tips(observed)
-        return {"goal": self.compute_reward(tips, goals)}, self.told(self.distance(tips, goals))
+        return {"goal": self.compute_reward(tips, goals)}, self.info(self.distance(tips, goals))
 
 
 class ReachGoalDense(ReachGoal):
@@ -180,8 +180,8 @@ class Payload(Reach):
 
     ranges: ClassVar[Mapping[str, tuple[float, float]]] = {"payload": (0.0, 0.03)}
 
-    def told(self, distance: Floats) -> Infos:
-        return {**super().told(distance), "payload": self.world.payloads.copy()}
+    def info(self, distance: Floats) -> Infos:
+        return {**super().info(distance), "payload": self.world.payloads.copy()}
 
 
 class Shape(Task):
@@ -223,14 +223,14 @@ class Shape(Task):
         if self.of_clouds:
             chamfer = _tdcr.chamfer_rows(world.clouds(), self._clouds)
             distance = np.sqrt(0.5 * chamfer)
-            return {"distance": -distance / world.length}, {**self.told(distance), "chamfer": chamfer}
+            return {"distance": -distance / world.length}, {**self.info(distance), "chamfer": chamfer}
         places, turns = np.split(goals, [3 * self._discs], axis=1)
         apart = world.scaled(world.simulation.positions()) - places.reshape(world.count, -1, 3)
         # The angle between two orientations is twice that between their quaternions, of whichever sign.
         cosines = np.einsum("...i,...i->...", world.simulation.quaternions(), turns.reshape(world.count, -1, 4))
         angle = (2.0 * np.arccos(np.minimum(np.abs(cosines), 1.0))).mean(axis=1)
         shares = norms(apart).mean(axis=1)
-        return {"distance": -shares, "angle": -angle / np.pi}, {**self.told(shares * world.length), "angle": angle}
+        return {"distance": -shares, "angle": -angle / np.pi}, {**self.info(shares * world.length), "angle": angle}
 
     def targets(self, row: int, step: int) -> Floats:
         if self.of_clouds:
@@ -282,7 +282,7 @@ class Track(Task):
 
     def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
         apart = norms(self.world.tips(observed) - goals[:, :3])
-        return {"distance": -apart}, self.told(apart * self.world.length)
+        return {"distance": -apart}, self.info(apart * self.world.length)
 
     def targets(self, row: int, step: int) -> Floats:
         ahead = (step + np.arange(self.preview)) % (self._points - 1)

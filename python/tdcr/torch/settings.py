@@ -15,7 +15,7 @@ from tdcr.errors import InputError
 from tdcr.torch.layers import Shape
 
 #: What a shape has that does not say it.
-UNSAID = {"condition_blocks": 0, "octaves": 0, "time_features": "plain"}
+DEFAULTS = {"condition_blocks": 0, "octaves": 0, "time_features": "plain"}
 
 
 class Settings(TypedDict):
@@ -73,8 +73,8 @@ def resolve(options: Mapping[str, Any], clouds_in_set: int | None = None) -> tup
     found = _tdcr.resolve_training(json.dumps(dict(options)), clouds_in_set)
     shape, settings = (json.loads(text) for text in found)
     if "head" in shape:
-        return shape | {"head": UNSAID | shape["head"]}, settings
-    return UNSAID | shape, settings
+        return shape | {"head": DEFAULTS | shape["head"]}, settings
+    return DEFAULTS | shape, settings
 
 
 def of_conditions(shape: Mapping[str, Any], condition_dim: int) -> dict[str, Any]:

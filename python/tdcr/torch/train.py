@@ -167,11 +167,11 @@ def initial(path: Path, shape: Shape, provenance: dict[str, Any]) -> torch.nn.Mo
     """The network of the model `path`, which must have this shape, these units and these symmetries."""
     model = Model.load(path)
     if model.provenance.get("reduction") != provenance.get("reduction"):
-        raise InputError(f"{path} learned by other symmetries than these data have: train it with --symmetry none")
+        raise InputError(f"{path} learned by other symmetries than these data have: train it without symmetries")
     if model.shape != shape:
         raise InputError(f"{path} has the shape {model.shape}, expected {shape}")
     if model.provenance["normalisation"] != provenance["normalisation"]:
-        raise InputError(f"{path} is of other units: give it to --normalisation-from too")
+        raise InputError(f"{path} is of other units, expected those of the data")
     return model.network
 
 

@@ -1,7 +1,7 @@
 //! Fields of a robot file by path: `base.hole_height`, `modules[1].radius`, `modules[*].tendons.drive.gain`, `gravity[2]`.
 
 use serde_json::Value;
-use tdcr_sim::robot::RobotSpec;
+use tdcr_sim::robot::{ParameterKind, RobotSpec};
 
 /// Fields of a robot file that a path may begin with.
 const ROOTS: [&str; 6] = ["gravity", "routing", "base", "modules", "routes", "cameras"];
@@ -63,17 +63,16 @@ impl Field {
             Step::Key(key) => Some(key.as_str()),
             _ => None,
         });
-        match named.unwrap_or_default() {
-            "position" | "hole_height" | "first_offset" | "pitch" | "length" | "radius"
-            | "half_height" | "joint_below" | "holes" => "m",
+        let name = named.unwrap_or_default();
+        if let Some(kind) = ParameterKind::named(name) {
+            return kind.quantity.unit;
+        }
+        match name {
+            "position" | "hole_height" | "first_offset" | "length" | "radius" | "half_height"
+            | "joint_below" | "holes" => "m",
             "gravity" => "m/s\u{b2}",
             "clocking" => "rad",
-            "density" => "kg/m\u{b3}",
-            "damping" => "N m s/rad",
-            "armature" => "kg m\u{b2}",
-            "youngs" => "Pa",
-            "bending" | "torsion" => "N m/rad",
-            "gain" | "axial_stiffness" | "contact_stiffness" => "N/m",
+            "contact_stiffness" => "N/m",
             "stiffening" => "1/m",
             _ => "",
         }

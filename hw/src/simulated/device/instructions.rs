@@ -103,14 +103,14 @@ impl Device {
         let was_driven = self.is_driven();
         for change in self.plan(address, data)? {
             self.memory.apply(&change);
-            self.obey(&change, was_driven);
+            self.apply(&change, was_driven);
         }
         self.heard = now;
         Ok(())
     }
 
     /// What a change brings about.
-    fn obey(&mut self, change: &Change, was_driven: bool) {
+    fn apply(&mut self, change: &Change, was_driven: bool) {
         let on_by_goal = self.memory.get(Item::DriveMode) & 0x08 != 0;
         match change.item {
             Item::TorqueEnable if change.value != 0 && !was_driven => self.switch_on(),

@@ -198,13 +198,13 @@ impl<'a> Problem<'a> {
     ) -> Option<Part> {
         let observation = &self.observations[index];
         let (command, loads) = (&observation.command, &observation.loads);
-        let misses = |settled: &Equilibrium| -> DVector<f64> {
-            let mut misses = DVector::zeros(3 * observation.positions.len());
+        let residuals = |settled: &Equilibrium| -> DVector<f64> {
+            let mut residuals = DVector::zeros(3 * observation.positions.len());
             for (k, (disc, measured)) in observation.positions.iter().enumerate() {
-                let miss = settled.positions[*disc] - measured;
-                misses.fixed_rows_mut::<3>(3 * k).copy_from(&miss);
+                let residual = settled.positions[*disc] - measured;
+                residuals.fixed_rows_mut::<3>(3 * k).copy_from(&residual);
             }
-            misses
+            residuals
         };
         let linearise = |settled: Equilibrium| {
             let sensitivity = robot.sensitivity(command, loads, &settled).ok()?;
@@ -222,13 +222,13 @@ impl<'a> Problem<'a> {
             }
             Start::Nearest(last, others) => {
                 let mut best = linearise(last[index].clone())?;
-                let mut miss = misses(&best.0).norm();
+                let mut smallest = residuals(&best.0).norm();
                 let mut consider = |settled: &Equilibrium| {
                     if settled.converged
-                        && misses(settled).norm() < miss
+                        && residuals(settled).norm() < smallest
                         && let Some(found) = linearise(settled.clone())
                     {
-                        miss = misses(&found.0).norm();
+                        smallest = residuals(&found.0).norm();
                         best = found;
                     }
                 };
@@ -240,7 +240,7 @@ impl<'a> Problem<'a> {
                 best
             }
         };
-        let residuals = misses(&settled);
+        let residuals = residuals(&settled);
         let mut jacobian = DMatrix::zeros(residuals.len(), free.len());
         for (mut column, &i) in jacobian.column_iter_mut().zip(free) {
             let unknown = &self.unknowns[i];

@@ -345,11 +345,11 @@ mod tests {
             let [mut low, mut high] = [x.clone(), x.clone()];
             (low[i], high[i]) = (x[i] - h, x[i] + h);
             let slope = (at(&high).residuals - at(&low).residuals) / (2.0 * h);
-            let miss = slope.clone() - here.jacobian.column(i);
+            let error = slope.clone() - here.jacobian.column(i);
             // A point may change from one face to the next within the step, where its distance has a kink.
             let far = 1e-2 * slope.amax().max(1e-6);
-            let missed = miss.iter().filter(|miss| miss.abs() > far).count();
-            assert!(missed <= 2, "{}: {}", unknowns[i].name, miss.amax());
+            let beyond = error.iter().filter(|error| error.abs() > far).count();
+            assert!(beyond <= 2, "{}: {}", unknowns[i].name, error.amax());
         }
     }
 

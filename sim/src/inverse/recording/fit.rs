@@ -38,7 +38,7 @@ pub struct RecordingSettings {
     pub groups: Vec<Group>,
     /// What is known of them, where it is not what the robot file and the table of unknowns say.
     pub priors: Priors,
-    /// Distance from which a marker's or a point's miss counts less than by its square (m); none for a fortieth of the robot's
+    /// Distance beyond which a marker's or a point's residual counts less than by its square (m); none for a fortieth of the robot's
     /// length, infinite for least squares.
     pub loss: Option<f64>,
     /// Starts of the first fit: the robot file's values, then others at random. The best goes on.

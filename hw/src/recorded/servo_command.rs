@@ -13,7 +13,7 @@ pub(super) struct Known {
 
 /// Something that a servo is told.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Order {
+pub enum ServoCommand {
     /// A goal of its position.
     Position(Ticks),
     /// A goal of its current (A).
@@ -28,8 +28,8 @@ pub enum Order {
     Watchdog(WatchdogState),
 }
 
-impl Order {
-    /// The order of the same kind that `record` has for servo `id`.
+impl ServoCommand {
+    /// The command of the same kind that `record` has for servo `id`.
     pub(super) fn logged(&self, record: &LogRecord, id: ServoId) -> Option<Self> {
         match record {
             LogRecord::Goals(goals) => {
@@ -55,8 +55,8 @@ impl Order {
     }
 }
 
-impl Order {
-    /// The order of the same kind that would change nothing, as far as `servo` is known.
+impl ServoCommand {
+    /// The command of the same kind that would change nothing, as far as `servo` is known.
     pub(super) fn known(&self, servo: &Known) -> Option<Self> {
         let Known { status, goal } = servo;
         match self {
@@ -70,7 +70,7 @@ impl Order {
     }
 }
 
-impl fmt::Display for Order {
+impl fmt::Display for ServoCommand {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Position(Ticks(ticks)) => write!(f, "to go to tick {ticks}"),
