@@ -14,9 +14,8 @@ use tdcr_sim::scene::Scene;
 const SAMPLES_PER_SHARD: usize = 250;
 
 /// What a data set is made of, beside the robot and the obstacles around it. The one list of these options: the command line
-/// (`tdcr collect`) and Python
-/// (`tdcr.collect`) take their names and types from it, and the former its documentation. In JSON a field has the name of its
-/// option.
+/// (`tdcr collect`) and Python (`tdcr.collect`) take their names and types from it, and the former its documentation. In
+/// JSON a field has the name of its option.
 #[derive(Clone, Debug, PartialEq, Args, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CollectSettings {

@@ -12,11 +12,9 @@ use tdcr_sim::scene::Scene;
 use super::collect_settings::{Noise, noise, obstacle_variation, payload_range, visibility};
 use super::training_data::StreamSettings;
 
-/// What a stream is made of, beside its robot, its scene and its seed. The one list of these options: the command line (`tdcr
-/// train --stream`)
-/// and Python (`tdcr.train`) take their names and types from it, and the former its documentation. In JSON a field has the name
-/// of
-/// its option.
+/// What a stream is made of, beside its robot, its scene and its seed. The one list of these options: the command line
+/// (`tdcr train --stream`) and Python (`tdcr.train`) take their names and types from it, and the former its documentation.
+/// In JSON a field has the name of its option.
 #[derive(Clone, Debug, PartialEq, Args, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct StreamOptions {
