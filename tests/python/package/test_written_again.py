@@ -1,4 +1,4 @@
-"""Prediction from a model file in NumPy alone, by the section of docs/learning.md on the network and its sampler."""
+"""Prediction from a model file in NumPy alone, by the section of docs/model-files.md on the network and its sampler."""
 
 import json
 from pathlib import Path
