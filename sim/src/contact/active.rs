@@ -193,6 +193,8 @@ struct Base {
     contacts: Vec<(Place, Vector3<f64>, Vec<End>)>,
     /// Of each bristle, its bead's centre (m).
     bristles: Vec<Vector3<f64>>,
+    /// Of each that bears the normal, and of those that slip which way friction points.
+    ways: Vec<Option<(Vector3<f64>, Option<Vector3<f64>>)>>,
 }
 
 impl ActiveStep {
@@ -228,6 +230,7 @@ impl ActiveStep {
                 .map(|touch| (touch.place, touch.normal, touch.ends().collect()))
                 .collect(),
             bristles: bristles.iter().map(|b| b.position(chain)).collect(),
+            ways: Vec::with_capacity(bristles.len()),
         };
         self.predicted.clone_from(&self.assumed);
         self.press(equations, bristles, 0.0);
@@ -305,27 +308,51 @@ impl ActiveStep {
         let (slips, from) = self.assumed.rubbing[index];
         let to = self.predicted.rubbing[index].1;
         let known = from + (to - from) * share;
-        let pressed = face.and_then(|face| Some((face, face.force.try_normalize(0.0)?)));
-        let Some((face, normal)) = pressed else {
+        let is_base = self.base.ways.len() == index;
+        let Some(face) = face else {
             self.asked.rubbing.push((true, Vector3::zeros()));
             self.rubbed.push((Vector3::zeros(), Matrix3::zeros()));
+            if is_base {
+                self.base.ways.push(None);
+            }
             return;
         };
         let posture = &equations.iterate.posture;
         let friction = equations.scene.obstacles()[bristle.obstacle].friction;
         let position = bristle.position(&posture.chain);
+        // Out of the surface, also where a step would have it pull.
+        let normal = face.force.try_normalize(0.0).unwrap_or(face.normal);
+        let normal = normal * normal.dot(&face.normal).signum();
+        let most = friction * face.force.dot(&normal);
         let mut own = *bristle;
-        own.press(normal, friction * face.force.norm());
-        let (rubbing, stiffness) = own.response_if(slips, &position);
-        let (force, besides, mut change) = match rubbing.try_normalize(0.0).filter(|_| slips) {
+        own.press(normal, most);
+        let gone = (-own.stretch(&position))
+            .try_normalize(0.0)
+            .filter(|_| slips);
+        if is_base {
+            self.base.ways.push(Some((normal, gone)));
+        }
+        // What forces are besides may be far from any: it takes the directions of the base.
+        let (base_normal, base_way) = self.base.ways[index].unwrap_or((normal, gone));
+        let (force, besides, mut change) = match gone {
             Some(way) => {
-                let besides = way * (friction * face.besides.dot(&normal));
+                let borne = friction * face.besides.dot(&normal);
                 // Friction is bounded by what is borne.
                 let bounded = way * (face.stiffness * normal).transpose() * friction;
-                (rubbing, besides, stiffness + bounded)
+                let across = own.response_if(true, &position).1;
+                (
+                    way * most,
+                    base_way.unwrap_or(way) * borne,
+                    across + bounded,
+                )
             }
-            None => (known, rubbing - known, stiffness),
+            None => {
+                own.press(base_normal, most);
+                let (rubbing, stiffness) = own.response_if(false, &position);
+                (known, rubbing - known, stiffness)
+            }
         };
+        own.press(normal, most);
         // The normal turns as the bead moves along the surface.
         change += normal * (face.curvature * force).transpose();
         let point = (bristle.bead.disc, bristle.bead.centre);
@@ -412,6 +439,8 @@ impl ActiveStep {
 /// What a bead's contacts with an obstacle bear.
 #[derive(Clone, Copy)]
 struct Face {
+    /// Of the first of them.
+    normal: Vector3<f64>,
     /// By the multipliers (N).
     force: Vector3<f64>,
     /// What the force has besides (N).
@@ -429,6 +458,7 @@ impl Face {
             ..Response::bearing(touch.gap, touch.compliance)
         };
         Self {
+            normal: near.normal,
             force: near.normal * known,
             besides: near.normal * (touch.force() - known),
             stiffness: near.stiffness(&response),

@@ -3,8 +3,9 @@
 //! A contact that bears the force `f` resists sliding by up to `F f`, `F` being the obstacle's coefficient. A bristle stands for
 //! that: a spring from the bead to where it sticks to the surface, as compliant as the surface is, whose force is the smaller of the
 //! spring's and `F f`; where that is `F f` the contact slips, and sticks from then on where the spring just bears it (return mapping:
-//! Simo and Hughes, Computational Inelasticity, ch. 2). With `F f` and the normal of the solve before, the force has a convex
-//! potential, so an equilibrium is still a minimum of the energy; it is solved for again until they are its own (lagged friction: Li
+//! Simo and Hughes, Computational Inelasticity, ch. 2). The balance is solved with contacts that slip or stick and their forces as
+//! unknowns. Where that leads nowhere, `F f` and the normal are those of the solve before: then the force
+//! has a convex potential, so an equilibrium is a minimum of the energy; it is solved for again until they are its own (lagged friction: Li
 //! et al., Incremental Potential Contact, 2020).
 
 use nalgebra::{Matrix3, Vector3};
@@ -57,7 +58,7 @@ impl Bristle {
     }
 
     /// How far the bead has been displaced along the surface (m).
-    fn stretch(&self, position: &Vector3<f64>) -> Vector3<f64> {
+    pub fn stretch(&self, position: &Vector3<f64>) -> Vector3<f64> {
         let way = position - self.anchor;
         way - self.normal * self.normal.dot(&way)
     }

@@ -2,8 +2,28 @@
 
 use nalgebra::Vector3;
 
+use super::active::Active;
 use super::equations::Equations;
 use super::friction::Bristle;
+
+/// What a path carries on from an equilibrium: what resists sliding from there, and what bears and slips.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Grip {
+    pub bristles: Vec<Bristle>,
+    pub active: Active,
+}
+
+impl Grip {
+    /// That of where the equations stand, whose contacts were pressed there. What slipped sticks from now on.
+    pub fn at(equations: &mut Equations) -> Self {
+        let active = Active::lawful(equations);
+        equations.stick_bristles();
+        Self {
+            bristles: equations.bristles.clone(),
+            active,
+        }
+    }
+}
 
 impl Equations {
     /// Whether there is friction.
@@ -12,6 +32,17 @@ impl Equations {
             .obstacles()
             .iter()
             .any(|obstacle| obstacle.friction > 0.0)
+    }
+
+    /// The contacts at the iterate, and their forces on the way from where these bristles stuck.
+    pub fn press_from(&mut self, bristles: &[Bristle]) {
+        if !self.is_found {
+            self.find();
+        }
+        self.bristles.clear();
+        self.bristles.extend_from_slice(bristles);
+        self.press_bristles();
+        self.press();
     }
 
     /// Takes over what the contacts press at the iterate: bristles bear as much as that lets them, and beads that have come to touch get

@@ -6,11 +6,11 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::active::{Active, ActiveStep};
+use super::active::ActiveStep;
 use super::dense;
-use super::friction::Bristle;
 use super::law::Hardness;
 use super::report::report_contacts;
+use super::rubbing::Grip;
 use super::{Contact, ContactEquilibrium, ContactError, ContactSettler};
 use crate::chain::Configuration;
 use crate::energy::Pressing;
@@ -30,9 +30,7 @@ pub(crate) struct Touching {
 /// What it touches at the last equilibrium.
 #[derive(Clone, Debug)]
 pub(crate) struct Touched {
-    /// Friction of contacts.
-    bristles: Vec<Bristle>,
-    active: Active,
+    grip: Grip,
     report: ContactEquilibrium,
 }
 
@@ -41,8 +39,7 @@ impl Touching {
         Self {
             settler: ContactSettler::new(robot, scene),
             at: Touched {
-                bristles: Vec::new(),
-                active: Active::default(),
+                grip: Grip::default(),
                 report: ContactEquilibrium::unsettled(robot),
             },
             step: ActiveStep::new(robot),
@@ -56,11 +53,10 @@ impl Touching {
         command: &Command,
         loads: &Loads,
     ) -> Result<&ContactEquilibrium, ContactError> {
-        self.at.bristles.clear();
         self.settler.settle(command, loads)?;
         self.at.report.clone_from(self.settler.found());
         self.harden();
-        self.at.active = Active::lawful(&self.settler.equations);
+        self.at.grip = Grip::at(&mut self.settler.equations);
         Ok(&self.at.report)
     }
 
@@ -124,7 +120,7 @@ impl Touching {
         self.is_step_clear = false;
         self.settler.equations.neighbourhood.clear();
         self.harden();
-        self.step.assume(&self.at.active);
+        self.step.assume(&self.at.grip.active);
     }
 
     /// Forces of the contacts in a configuration.
@@ -132,16 +128,15 @@ impl Touching {
         let equations = &mut self.settler.equations;
         equations.iterate.set(q);
         equations.find();
-        equations.bristles.clone_from(&self.at.bristles);
-        equations.press_bristles();
-        equations.press();
+        equations.press_from(&self.at.grip.bristles);
         &equations.pressing
     }
 
     /// Begins a Newton step where contacts were pressed last: their forces as they are assumed, but for [`add_besides`](Self::add_besides).
     pub fn begin_step(&mut self) -> &Pressing {
         self.settler.equations.neighbourhood.begin_step();
-        self.step.begin(&self.settler.equations, &self.at.bristles);
+        self.step
+            .begin(&self.settler.equations, &self.at.grip.bristles);
         &self.step.pressing
     }
 
@@ -153,7 +148,7 @@ impl Touching {
             return None;
         }
         equations.find();
-        self.step.press(equations, &self.at.bristles, share);
+        self.step.press(equations, &self.at.grip.bristles, share);
         Some(&self.step.pressing)
     }
 
@@ -165,7 +160,7 @@ impl Touching {
     /// Revises what is assumed after a share of the step.
     pub fn revise(&mut self, share: f64) {
         self.step
-            .revise(&self.settler.equations, &self.at.bristles, share);
+            .revise(&self.settler.equations, &self.at.grip.bristles, share);
     }
 
     /// Adds to the derivatives of the moments by the joints' turns what the assumed forces change by.
@@ -185,23 +180,20 @@ impl Touching {
     /// Takes note of the whole step (rad).
     pub fn predict(&mut self, step: &[Vector3<f64>]) {
         self.step
-            .predict(&self.settler.equations, &self.at.bristles, step);
+            .predict(&self.settler.equations, &self.at.grip.bristles, step);
     }
 
     /// Takes the last step over as an equilibrium.
     pub fn accept(&mut self) {
         let Self { settler, at, .. } = self;
         if self.is_step_clear {
-            at.bristles.clear();
-            at.active = Active::default();
+            at.grip = Grip::default();
             at.report.contacts.clear();
             (at.report.complementarity, at.report.penetration) = (0.0, 0.0);
             return;
         }
         let equations = &mut settler.equations;
         report_contacts(equations, &mut at.report);
-        at.active = Active::lawful(equations);
-        equations.stick_bristles();
-        at.bristles.clone_from(&equations.bristles);
+        at.grip = Grip::at(equations);
     }
 }

@@ -1,14 +1,13 @@
 //! Solving under loads without a potential: in O(n) where the elimination without exchange of rows is accurate, dense where
 //! it is not.
 
-use faer::Mat;
-use faer::linalg::solvers::{PartialPivLu, Solve};
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use super::Curvature;
+use super::dense::{DenseLu, project};
 use super::unsymmetric::{ChainLu, ChainMatrix, Side};
 use crate::energy::{Expansion, following};
-use crate::robot::{HingeAxes, Loads};
+use crate::robot::Loads;
 use crate::tendon::Posture;
 
 /// Error of a solution, as a share of the right-hand side, from which the elimination does not count as accurate.
@@ -29,8 +28,8 @@ pub(crate) struct LoadedMatrix<'a> {
 pub(crate) enum LoadedFactor {
     /// By elimination along the chain.
     Chain(Box<ChainLu>),
-    /// Of the dense matrix, rows exchanged, and the axes of hinges.
-    Dense(Box<PartialPivLu<f64>>, Vec<Option<HingeAxes>>),
+    /// Of the dense matrix.
+    Dense(Box<DenseLu>),
 }
 
 impl LoadedMatrix<'_> {
@@ -128,7 +127,7 @@ impl LoadedFactor {
             expansion,
         } = *matrix;
         let dense = following::jacobian(loads, share, posture, expansion);
-        Self::Dense(Box::new(dense.partial_piv_lu()), expansion.hinges.clone())
+        Self::Dense(Box::new(DenseLu::new(&dense, &expansion.hinges)))
     }
 
     /// Writes the solution for a right-hand side of `joint` terms and `disc` terms as in [`Expansion`].
@@ -141,7 +140,7 @@ impl LoadedFactor {
     ) {
         match self {
             Self::Chain(lu) => lu.solve(joint, disc, side, solution),
-            Self::Dense(lu, hinges) => {
+            Self::Dense(lu) => {
                 // What acts on a disc turns all joints below it.
                 let mut total = joint.to_vec();
                 let mut above = Vector3::zeros();
@@ -149,25 +148,8 @@ impl LoadedFactor {
                     above += disc;
                     *total += above;
                 }
-                let rhs = Mat::from_fn(3 * joint.len(), 1, |i, _| total[i / 3][i % 3]);
-                let found = match side {
-                    Side::Matrix => lu.solve(&rhs),
-                    Side::Transpose => lu.solve_transpose(&rhs),
-                };
-                for (joint, turn) in solution.iter_mut().enumerate() {
-                    *turn = Vector3::from_fn(|axis, _| found[(3 * joint + axis, 0)]);
-                }
-                project(hinges, solution);
+                lu.solve(&total, side, solution);
             }
-        }
-    }
-}
-
-/// Leaves of turns or moments of the joints what is along turns that hinges allow.
-pub(crate) fn project(hinges: &[Option<HingeAxes>], vectors: &mut [Vector3<f64>]) {
-    for (vector, hinges) in vectors.iter_mut().zip(hinges) {
-        if let Some(hinges) = hinges {
-            *vector = hinges.project(vector);
         }
     }
 }

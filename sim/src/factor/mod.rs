@@ -19,6 +19,7 @@
 )]
 
 mod contact;
+mod dense;
 mod held;
 mod krylov;
 mod loaded;
@@ -28,9 +29,10 @@ mod symmetric;
 mod unsymmetric;
 
 pub(crate) use contact::{ContactLu, Inflow};
+pub(crate) use dense::{DenseLu, project};
 pub(crate) use held::HeldLengths;
 pub(crate) use krylov::{Arnoldi, dot, probe};
-pub(crate) use loaded::{LoadedFactor, LoadedMatrix, project};
+pub(crate) use loaded::{LoadedFactor, LoadedMatrix};
 pub(crate) use paired::PairedLu;
 pub(crate) use softest::{smallest_by_solving, smallest_eigenvalue, smallest_real_part};
 pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};

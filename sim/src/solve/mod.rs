@@ -8,7 +8,7 @@
 //! | `statics::descent` | gradient of the energy | factor in O(n), the Hessian made positive definite | energy |
 //! | `statics::following` | the same, and loads without a potential | LU in O(n), dense where that is inaccurate | squared residual |
 //! | `contact::descent` | the same with contacts | LDL in O(n), made positive definite | energy |
-//! | `contact::mixed` | the same with the contacts' forces | LDL in O(n) | next simplified step |
+//! | `contact::mixed` | the same with the contacts' forces | LDL in O(n), dense LU where contacts rub | next simplified step |
 //! | `tendon_friction::balance` | moments with friction of the tendons | LU in O(n), dense where that is inaccurate | next simplified step |
 //! | `tendon_friction::balance::pressed` | the same with contacts | dense LU | next simplified step |
 

@@ -240,9 +240,8 @@ impl ContactSettler {
     /// contacts' stiffness in it (N m/rad): see [`Robot::smallest_stiffness`]. `NaN` if it cannot be computed.
     pub fn smallest_stiffness(&mut self, command: &Command, loads: &Loads) -> f64 {
         let found = &self.result.equilibrium;
-        // There the solver without contact has solved, which has no barrier.
-        let found_free = self.result.barrier == 0.0;
-        if found_free {
+        // Without a barrier what does not touch does not press.
+        if self.result.barrier == 0.0 && self.result.contacts.is_empty() {
             return self.robot().smallest_stiffness(command, loads, found);
         }
         if !found.converged {
@@ -313,9 +312,21 @@ impl ContactSettler {
         Ok(&self.result)
     }
 
-    /// Solves from where a solve starts, friction and commanded lengths in it. Whether that is solved, and the number of steps.
+    /// Solves from where a solve starts, friction and commanded lengths in it: along a path by the balance with an active set, and where that
+    /// leads nowhere down the energy, with bounds of friction that follow. Whether that is solved, and the number of steps.
     fn rest(&mut self, command: &Command, start: Start) -> (bool, usize) {
-        let (mut solved, mut iterations) = self.hold(command, start);
+        let mut iterations = 0;
+        let rubs = !self.equations.bristles.is_empty();
+        // Rest lengths are corrected at the end of a solve: what slides for want of that would stay.
+        if start == Start::Before && rubs && !self.holds_lengths() {
+            let (led, steps) = self.balance_rubbing();
+            if led {
+                return (true, steps);
+            }
+            iterations = steps;
+        }
+        let (mut solved, steps) = self.hold(command, start);
+        iterations += steps;
         for lag in 0.. {
             if !solved || !start.is_on_path() || !self.equations.rubs() {
                 break;
@@ -338,12 +349,17 @@ impl ContactSettler {
             Start::Straight => self.harden(),
             Start::Near | Start::Before | Start::Beside => self.descend_near(start),
         };
-        let holds = (self.equations.robot.tendons().iter()).any(Tendon::holds_length);
-        if !solved || !holds {
+        if !solved || !self.holds_lengths() {
             return (solved, iterations);
         }
         let (solved, steps) = self.hold_lengths(command);
         (solved, iterations + steps)
+    }
+
+    /// Whether the length of any tendon is commanded.
+    fn holds_lengths(&self) -> bool {
+        let tendons = self.equations.robot.tendons();
+        tendons.iter().any(Tendon::holds_length)
     }
 
     /// The barrier of the solution (J).

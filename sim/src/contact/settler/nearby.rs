@@ -2,10 +2,14 @@
 
 use super::{ContactSettler, Start};
 use crate::chain::Configuration;
+use crate::contact::active::Active;
 use crate::contact::law::Hardness;
 use crate::contact::mixed::Mixed;
+use crate::contact::rubbing::Grip;
 use crate::energy::Potential;
-use crate::solve::{Continuation, newton};
+use crate::robot::Loads;
+use crate::solve::{Continuation, newton, turn_between};
+use crate::statics::Stability;
 
 /// The first barrier (J) where a configuration near the equilibrium is given and does not lead there at once, for each N m of the
 /// tolerance.
@@ -16,6 +20,10 @@ const NEXT: f64 = 0.03;
 const LOOSE_BARRIER: f64 = 100.0;
 /// The least part of the way from the last equilibrium that is tried at once.
 const LEAST_PART: f64 = 1.0 / 32.0;
+/// The same with friction.
+const LEAST_RUBBING: f64 = 1.0 / 8.0;
+/// Largest turn of a joint in one of those parts (rad): a longer way leads to another branch.
+const MAX_TURN: f64 = 0.1;
 
 impl ContactSettler {
     /// Solves from near the solution. From the last equilibrium, whose contacts' forces are known, by the balance with an active set where nothing rubs; or else
@@ -63,10 +71,96 @@ impl ContactSettler {
         (led, iterations + steps)
     }
 
+    /// Solves the balance with friction of contacts, which resists sliding from where its bristles stick. Where that leads nowhere both the
+    /// robot and the bristles stay. Whether it is solved, and the number of steps.
+    pub(super) fn balance_rubbing(&mut self) -> (bool, usize) {
+        let from = self.equations.iterate.configuration.clone();
+        let anchored = self.equations.bristles.clone();
+        let hardness = self.equations.hardness;
+        self.equations.find();
+        let mut grip = Grip {
+            active: Active::lawful(&self.equations),
+            bristles: anchored.clone(),
+        };
+        let (mut led, iterations) = self.rub_in_parts(&mut grip);
+        if led {
+            let robot = self.equations.robot.clone();
+            self.equations.expand_pressed(&Potential {
+                robot: &robot,
+                command: &self.command,
+                dead: &self.weight,
+            });
+            led = self.equations.stability() != Stability::Unstable;
+        }
+        if !led {
+            self.go_back(&from);
+            self.equations.set_hardness(hardness, self.tolerance);
+            self.equations.bristles = anchored;
+        }
+        (led, iterations)
+    }
+
+    /// Solves the balance with friction along the way from the last equilibrium, in parts that are solved at once: `grip` is that of where the
+    /// last of them begins. What resists sliding moves on with parts that are solved alone.
+    fn rub_in_parts(&mut self, grip: &mut Grip) -> (bool, usize) {
+        let (goal, from) = (self.command.clone(), self.before.clone());
+        let mut continuation = Continuation::new(1.0, LEAST_RUBBING);
+        let (mut led, mut iterations) = (true, 0);
+        while let Some(part) = continuation.target() {
+            let start = self.equations.iterate.configuration.clone();
+            self.go_to_part(&from, &goal, part);
+            let (solved, steps) = self.rub_at_once(grip);
+            iterations += steps;
+            let turned = turn_between(&start, &self.equations.iterate.configuration);
+            if solved && turned <= MAX_TURN {
+                continuation.succeed(2.0);
+                if part < 1.0 {
+                    *grip = Grip::at(&mut self.equations);
+                }
+                continue;
+            }
+            self.go_back(&start);
+            if !continuation.fail(0.5) {
+                led = false;
+                break;
+            }
+        }
+        self.command = goal;
+        self.weight.set(&self.equations.robot, &self.loads);
+        (led, iterations)
+    }
+
+    /// The balance with friction from where the equations stand, with the grip that they have there.
+    fn rub_at_once(&mut self, grip: &Grip) -> (bool, usize) {
+        let equations = &mut self.equations;
+        equations.tolerance = self.tolerance;
+        let robot = equations.robot.clone();
+        let potential = Potential {
+            robot: &robot,
+            command: &self.command,
+            dead: &self.weight,
+        };
+        newton(&mut Mixed::along(
+            equations,
+            &potential,
+            &mut self.active,
+            grip,
+        ))
+    }
+
+    /// Takes the command and the loads at a part of the way from the last equilibrium.
+    fn go_to_part(&mut self, from: &(Vec<f64>, Loads), goal: &[f64], part: f64) {
+        let ways = self.command.iter_mut().zip(from.0.iter().zip(goal));
+        ways.for_each(|(at, (from, to))| *at = from + part * (to - from));
+        let loads = from.1.towards(&self.loads, part);
+        self.weight.set(&self.equations.robot, &loads);
+    }
+
     /// Goes back to where a solve began that led nowhere.
     fn go_back(&mut self, to: &Configuration) {
         self.equations.iterate.set(to);
         self.equations.neighbourhood.clear();
+        self.equations.is_found = false;
     }
 
     /// The balance along the way of commands and loads from the last equilibrium, in parts of it that are solved at once.
@@ -76,10 +170,7 @@ impl ContactSettler {
         let (mut led, mut iterations) = (true, 0);
         while let Some(part) = continuation.target() {
             let start = self.equations.iterate.configuration.clone();
-            let ways = self.command.iter_mut().zip(from.0.iter().zip(&goal));
-            ways.for_each(|(at, (from, to))| *at = from + part * (to - from));
-            let loads = from.1.towards(&self.loads, part);
-            self.weight.set(&self.equations.robot, &loads);
+            self.go_to_part(&from, &goal, part);
             let (solved, steps) = self.balance_at_once();
             iterations += steps;
             if solved {

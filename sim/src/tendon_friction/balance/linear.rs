@@ -3,13 +3,12 @@
 //! In O(n) by [`ContactLu`] where the robot's tendons and loads allow it and the solution is accurate; dense elsewhere.
 
 use faer::Mat;
-use faer::linalg::solvers::{PartialPivLu, Solve};
 use nalgebra::Vector3;
 
 use super::Balance;
 use crate::energy::{Expansion, following};
-use crate::factor::{ContactLu, Inflow, project};
-use crate::robot::{HingeAxes, Robot};
+use crate::factor::{ContactLu, DenseLu, Inflow, Side, project};
+use crate::robot::Robot;
 
 /// Error of a solution in O(n), as a share of the right-hand side, from which on the dense factors are taken.
 const INACCURATE: f64 = 1e-8;
@@ -20,14 +19,12 @@ pub(in crate::tendon_friction) struct Linear {
     /// In O(n); none for robots whose tendons it is not made for.
     pub chain: Option<Box<ContactLu>>,
     /// The dense ones where those are not of the present Jacobian.
-    dense: Option<Box<PartialPivLu<f64>>>,
+    dense: Option<Box<DenseLu>>,
     /// Moment on each joint (N m).
     pub rhs: Vec<Vector3<f64>>,
     /// Turn of each joint, world axes (rad).
     pub solution: Vec<Vector3<f64>>,
     product: Vec<Vector3<f64>>,
-    /// The axes of hinges where the factors are of.
-    hinges: Vec<Option<HingeAxes>>,
 }
 
 impl Linear {
@@ -39,7 +36,6 @@ impl Linear {
             rhs: none.clone(),
             solution: none.clone(),
             product: none,
-            hinges: Expansion::new(robot).hinges,
         }
     }
 
@@ -49,10 +45,9 @@ impl Linear {
         self.dense.is_none()
     }
 
-    /// Factorises a dense matrix, of robots with these hinges.
-    pub fn factorise_dense(&mut self, jacobian: &Mat<f64>, hinges: &[Option<HingeAxes>]) {
-        self.hinges.clone_from_slice(hinges);
-        self.dense = Some(Box::new(jacobian.partial_piv_lu()));
+    /// Takes the factors of a dense matrix.
+    pub fn take_dense(&mut self, lu: DenseLu) {
+        self.dense = Some(Box::new(lu));
     }
 
     /// Solves for the `rhs`.
@@ -60,14 +55,7 @@ impl Linear {
         match (&self.dense, &mut self.chain) {
             (None, Some(chain)) => chain.solve(&self.rhs, &mut self.solution),
             (None, None) => self.solution.fill(Vector3::zeros()),
-            (Some(lu), _) => {
-                let rhs = Mat::from_fn(3 * self.rhs.len(), 1, |i, _| self.rhs[i / 3][i % 3]);
-                let found = lu.solve(&rhs);
-                for (joint, turn) in self.solution.iter_mut().enumerate() {
-                    *turn = Vector3::from_fn(|axis, _| found[(3 * joint + axis, 0)]);
-                }
-                project(&self.hinges, &mut self.solution);
-            }
+            (Some(lu), _) => lu.solve(&self.rhs, Side::Matrix, &mut self.solution),
         }
     }
 
@@ -104,7 +92,6 @@ impl Balance {
         changed: impl Fn(&Self, usize, Inflow, usize) -> Inflow,
     ) {
         self.linear.dense = None;
-        self.linear.hinges.clone_from(&self.expansion.hinges);
         let follows = self.loads.wrenches().iter().any(following::follows);
         if !follows {
             self.set_inflows(changed);
@@ -112,7 +99,8 @@ impl Balance {
                 return;
             }
         }
-        self.linear.dense = Some(Box::new(self.jacobian().partial_piv_lu()));
+        let lu = DenseLu::new(&self.jacobian(), &self.expansion.hinges);
+        self.linear.take_dense(lu);
     }
 
     /// Newton's step from the present residual, with the Jacobian of the last [`Balance::linearise`].

@@ -2,6 +2,7 @@
 
 use super::{Balance, MAX_TURN, SlipRule};
 use crate::contact::Touching;
+use crate::factor::DenseLu;
 use crate::solve::{Correction, Iterate, System, largest_turn, newton};
 use crate::tendon_friction::TendonProfile;
 
@@ -66,8 +67,8 @@ impl System for Pressed<'_> {
         let mut jacobian = balance.jacobian();
         touching.add_stiffness(&mut jacobian);
         balance.expansion.confine(&mut jacobian);
-        let hinges = &balance.expansion.hinges;
-        balance.linear.factorise_dense(&jacobian, hinges);
+        let lu = DenseLu::new(&jacobian, &balance.expansion.hinges);
+        balance.linear.take_dense(lu);
         balance.correct(touching, self.before);
         let step = &mut balance.iterate.step;
         step.copy_from_slice(&balance.linear.solution);
