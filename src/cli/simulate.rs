@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::{BufWriter, IntoInnerError, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nalgebra::{DMatrix, UnitQuaternion, Vector3};
 use serde::Serialize;
@@ -164,11 +164,14 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     };
     let scene = args.scene.load()?;
     let touches = !scene.is_empty();
-    if args.linearise.is_some() && touches {
-        bail!("--linearise has no contacts: leave out --scene");
-    }
     let stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
     let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default())?;
+    // Before the motion, as not every robot and scene has one.
+    let mut lineariser = match (&args.linearise, touches) {
+        (None, _) => None,
+        (Some(_), true) => Some(stepper.lineariser()?),
+        (Some(_), false) => Some(Lineariser::new(&robot, args.dt)?),
+    };
     let mut path = args
         .out
         .as_deref()
@@ -211,12 +214,10 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     if let Some(picture) = picture {
         picture.finish()?;
     }
-    if let (Some(file), Some(command)) = (&args.linearise, commands.last()) {
-        let linear = Lineariser::new(&robot, args.dt)?.linearise(
-            &state,
-            command,
-            &loads_in(commands.len() - 1)?,
-        )?;
+    if let (Some(file), Some(lineariser), Some(command)) =
+        (&args.linearise, &mut lineariser, commands.last())
+    {
+        let linear = lineariser.linearise(&state, command, &loads_in(commands.len() - 1)?)?;
         write_matrices(file, &linear)?;
     }
     let simulated = Simulated {

@@ -239,3 +239,40 @@ fn loads_of_a_file_vary_from_command_to_command() {
         refuse(&arguments, 1, expected);
     }
 }
+
+/// What is touched is in the matrices, and what is out of reach is not.
+#[test]
+fn steps_are_linearised_with_what_the_robot_touches() {
+    let (folder, file) = commands(&"0.034,0.007,0.001,0.026,0.015,0.019\n".repeat(150));
+    let matrices = |name: &str, x: f64| {
+        let scene = folder.path().join(format!("{name}.toml"));
+        let wall = format!(
+            "[[obstacle]]\nname = \"wall\"\nhalf_space = {{}}\nposition = [{x}, 0, 0]\norientation = [0.70710678, 0, 0.70710678, 0]\n"
+        );
+        std::fs::write(&scene, wall).unwrap();
+        let out = folder.path().join(format!("{name}.json"));
+        let scene = ["--scene", text(&scene)];
+        let scene = if name == "free" { &[][..] } else { &scene[..] };
+        let simulate = [
+            "simulate",
+            "--commands",
+            text(&file),
+            "--linearise",
+            text(&out),
+        ];
+        succeed(&[&simulate[..], scene].concat());
+        let read = std::fs::read_to_string(out).unwrap();
+        serde_json::from_str::<serde_json::Value>(&read).unwrap()
+    };
+    let [free, far, near] = [("free", 0.0), ("far", -1.0), ("near", -0.03)].map(|(name, x)| {
+        let rows = matrices(name, x)["a"].take();
+        serde_json::from_value::<Vec<Vec<f64>>>(rows).unwrap()
+    });
+    assert!(free.len() == 60 && free.iter().all(|row| row.len() == 60));
+    let apart = |one: &[Vec<f64>], other: &[Vec<f64>]| {
+        let pairs = one.iter().flatten().zip(other.iter().flatten());
+        pairs.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()))
+    };
+    assert!(apart(&far, &free) < 1e-12, "{}", apart(&far, &free));
+    assert!(apart(&near, &free) > 1e-3, "{}", apart(&near, &free));
+}

@@ -194,7 +194,16 @@ struct Base {
     /// Of each bristle, its bead's centre (m).
     bristles: Vec<Vector3<f64>>,
     /// Of each that bears the normal, and of those that slip which way friction points.
-    ways: Vec<Option<(Vector3<f64>, Option<Vector3<f64>>)>>,
+    ways: Vec<Option<Way>>,
+}
+
+/// Where a bristle's forces point.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    /// Out of the surface.
+    normal: Vector3<f64>,
+    /// Along it, against its sliding.
+    friction: Option<Vector3<f64>>,
 }
 
 impl ActiveStep {
@@ -330,10 +339,16 @@ impl ActiveStep {
             .try_normalize(0.0)
             .filter(|_| slips);
         if is_base {
-            self.base.ways.push(Some((normal, gone)));
+            self.base.ways.push(Some(Way {
+                normal,
+                friction: gone,
+            }));
         }
         // What forces are besides may be far from any: it takes the directions of the base.
-        let (base_normal, base_way) = self.base.ways[index].unwrap_or((normal, gone));
+        let base = self.base.ways[index].unwrap_or(Way {
+            normal,
+            friction: gone,
+        });
         let (force, besides, mut change) = match gone {
             Some(way) => {
                 let borne = friction * face.besides.dot(&normal);
@@ -342,12 +357,12 @@ impl ActiveStep {
                 let across = own.response_if(true, &position).1;
                 (
                     way * most,
-                    base_way.unwrap_or(way) * borne,
+                    base.friction.unwrap_or(way) * borne,
                     across + bounded,
                 )
             }
             None => {
-                own.press(base_normal, most);
+                own.press(base.normal, most);
                 let (rubbing, stiffness) = own.response_if(false, &position);
                 (known, rubbing - known, stiffness)
             }

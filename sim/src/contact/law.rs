@@ -6,8 +6,18 @@
 //! It has a potential, `C f² / 2 - mu log w`, which is smooth in every gap, and tends to `g² / (2 C)` of the overlap as `mu` does
 //! to 0.
 
+use nalgebra::Vector3;
+
 /// Compliances below this count as this (m/N): forces would feel how positions are rounded.
 pub(super) const STIFFEST: f64 = 1e-8;
+
+/// Change of a force by the compliance (m/N) of what bears it: none where that counts as the stiffest.
+pub(super) fn by_compliance(compliance: f64, change: Vector3<f64>) -> Vector3<f64> {
+    match compliance < STIFFEST {
+        true => Vector3::zeros(),
+        false => change,
+    }
+}
 
 /// The law of one contact.
 #[derive(Clone, Copy, Debug)]

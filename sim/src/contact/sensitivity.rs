@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::equations::Equations;
 use super::friction::Bristle;
+use super::law::by_compliance;
 use super::near_pairs::NearPair;
 use crate::chain::Chain;
 pub use crate::dynamics::ObstacleGradient;
@@ -72,6 +73,7 @@ impl ContactSensitivity {
         let mut chain = Chain::new(robot);
         chain.place(robot, &found.configuration);
         let position = |bristle: &Bristle| bristle.position(&chain);
+        let of = |obstacle: usize| scene.obstacles()[obstacle].compliance;
         let sticking = equations.bristles.iter().map(|bristle| {
             let (force, stiffness) = bristle.response(&position(bristle));
             Pressed {
@@ -81,7 +83,7 @@ impl ContactSensitivity {
                 point: position(bristle),
                 force,
                 stiffness,
-                by_compliance: force * -bristle.stiffness,
+                by_compliance: by_compliance(of(bristle.obstacle), force * -bristle.stiffness),
             }
         });
         let contacts: Vec<Pressed> = (equations.neighbourhood.near.iter())
@@ -94,7 +96,10 @@ impl ContactSensitivity {
                     point: chain.centres[near.bead.disc] + near.arm,
                     force: near.normal * response.force,
                     stiffness: near.stiffness(&response),
-                    by_compliance: near.normal * response.by_compliance,
+                    by_compliance: by_compliance(
+                        of(near.obstacle),
+                        near.normal * response.by_compliance,
+                    ),
                 }
             })
             .chain(sticking)

@@ -127,6 +127,17 @@ pub enum DynamicsError {
         /// The shortest part of it that was tried (s).
         smallest: f64,
     },
+    /// Contacts whose friction was not found.
+    #[error(
+        "friction of contacts was not found in the step of {timestep} s: what it may bear is off by {off:.1e} of the largest; take a \
+         shorter time step, or smaller coefficients of friction"
+    )]
+    FrictionNotFound {
+        /// By how much bounds of friction differ from the normal impulses times the coefficient, for the largest of them.
+        off: f64,
+        /// The time step (s).
+        timestep: f64,
+    },
     /// A time step by which even small motions about a pose grow without bound.
     #[error(
         "steps of {timestep} s are unstable: small motions about the robot's pose grow unless they are below \

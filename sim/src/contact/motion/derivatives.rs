@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::super::law::STIFFEST;
+use super::super::law::by_compliance;
 use super::touch::{Name, STICK, Touch};
 use super::{ContactLaw, ContactStepper};
 use crate::dynamics::{
@@ -132,7 +132,10 @@ impl ContactStepper {
                         number: obstacle,
                         origin: own.pose.translation.vector,
                         velocity: touch.velocity,
-                        by_compliance: -touch.impulse / own.compliance.max(STIFFEST),
+                        by_compliance: by_compliance(
+                            own.compliance,
+                            -touch.impulse / own.compliance,
+                        ),
                     });
                     pushes.push(push);
                 }

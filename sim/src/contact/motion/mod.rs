@@ -21,7 +21,7 @@ pub use law::{ContactLaw, Impedance};
 use nalgebra::Vector3;
 
 use self::objects::Objects;
-use self::problem::Problem;
+use self::problem::{Problem, SAME_BOUND, Solved};
 use self::response::{StepResponse, mobilities_of};
 use self::touch::{DiscVelocities, Opposite, Side};
 use super::equations::{OWN_REACH, REACH};
@@ -29,7 +29,7 @@ use super::law::STIFFEST;
 use super::near::Neighbourhood;
 use super::near_pairs::PairNeighbourhood;
 use super::{Activity, Contact};
-use crate::dynamics::{DynamicsError, Energy, Resistance, Rollout, State, Stepper};
+use crate::dynamics::{DynamicsError, Energy, LARGEST_TURN, Resistance, Rollout, State, Stepper};
 use crate::geometry::Beads;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::{Scene, SelfContact};
@@ -38,6 +38,8 @@ use crate::scene::{Scene, SelfContact};
 const LEAST: f64 = 0.02;
 /// How often a step is solved again with contacts farther away among its own, where it moved a disc so far.
 const MAX_REACHES: usize = 6;
+/// By how much bounds of friction may be off, for the largest of them, in a step that is taken.
+const MOST_OFF: f64 = 0.01;
 
 /// Moves states of one robot among the obstacles of one scene. Those with a mass move along: they are the stepper's [`objects`].
 /// The others stay where they are. Discs of the robot touch each other, too, but neighbours, as the scene's
@@ -219,7 +221,7 @@ impl ContactStepper {
     /// Moves `state` by one time step under `command` and `loads`, both constant meanwhile.
     ///
     /// # Errors
-    /// As [`Stepper::step`].
+    /// As [`Stepper::step`]; [`DynamicsError::FrictionNotFound`], which leaves the state as it was.
     pub fn step(
         &mut self,
         state: &mut State,
@@ -236,8 +238,9 @@ impl ContactStepper {
         (self.stepper).free_rates((state, command), resistance, free, rates);
         self.change.fill(Vector3::zeros());
         self.problem.movables.all.clear();
-        if self.free.iter().all(|rate| rate.norm_squared().is_finite()) {
-            self.touch(loads);
+        // A step that turns a joint too far is refused, whatever is touched in it.
+        if self.is_resolved(&self.free) {
+            self.touch(loads)?;
             self.report();
         }
         (self.objects).take(&self.problem.movables, &self.problem.touches);
@@ -300,7 +303,7 @@ impl ContactStepper {
     }
 
     /// Finds the contacts of the step that was begun, and what they change the rates by.
-    fn touch(&mut self, loads: &Loads) {
+    fn touch(&mut self, loads: &Loads) -> Result<(), DynamicsError> {
         // A damper pushes a bead that would touch within its relaxation time.
         let window = self.stepper.timestep() + self.law.relaxation();
         self.centres.clear();
@@ -311,6 +314,7 @@ impl ContactStepper {
         // What no disc reaches in the step does nothing in it.
         let fastest = self.farthest() + self.objects.fastest(&self.problem.movables);
         let mut reach = (2.0 * fastest * window).max(LEAST * self.reach);
+        let mut solved = Solved::NOTHING;
         for _ in 0..MAX_REACHES {
             let chain = &self.stepper.posture().chain;
             let (beads, scene) = (&self.beads, &self.scene);
@@ -323,20 +327,40 @@ impl ContactStepper {
             self.set_touches();
             if self.problem.touches.is_empty() {
                 self.change.fill(Vector3::zeros());
-                return;
+                return Ok(());
             }
-            self.solve(loads);
+            solved = self.solve(loads);
             // Contacts may move a disc farther than it would have moved, to where others are.
             let rates = self.rates.iter_mut().zip(&self.free).zip(&self.change);
             rates.for_each(|((rate, free), change)| *rate = free + change);
             self.motions.set(&self.centres, &self.rates);
             let fastest = self.farthest() + self.objects.fastest(&self.problem.movables);
             let farthest = fastest * window;
-            if farthest <= reach || !farthest.is_finite() {
-                return;
+            if farthest <= reach || !self.is_resolved(&self.rates) {
+                break;
             }
             reach = 2.0 * farthest;
         }
+        self.check(solved)
+    }
+
+    /// Counts a step that is not solved to full precision, and refuses one whose friction is another than its contacts bear.
+    fn check(&mut self, solved: Solved) -> Result<(), DynamicsError> {
+        let Solved { found, off } = solved;
+        self.unsolved += usize::from(!found || off > SAME_BOUND);
+        match off <= MOST_OFF {
+            true => Ok(()),
+            false => Err(DynamicsError::FrictionNotFound {
+                off,
+                timestep: self.stepper.timestep(),
+            }),
+        }
+    }
+
+    /// Whether a step resolves a motion of these rates.
+    fn is_resolved(&self, rates: &[Vector3<f64>]) -> bool {
+        let h = self.stepper.timestep();
+        rates.iter().all(|rate| rate.norm() * h <= LARGEST_TURN)
     }
 
     /// Highest speed of a point of a disc's beads at the present motions (m/s).
@@ -350,7 +374,7 @@ impl ContactStepper {
     }
 
     /// Solves the problem, and takes the change of the rates.
-    fn solve(&mut self, loads: &Loads) {
+    fn solve(&mut self, loads: &Loads) -> Solved {
         let resistance = self.resistance();
         let mut robot = StepResponse {
             stepper: &mut self.stepper,
@@ -358,7 +382,6 @@ impl ContactStepper {
             resistance,
         };
         let solved = self.problem.solve(&self.centres, &mut robot);
-        self.unsolved += usize::from(!solved);
         let stepper = robot.stepper;
         match resistance {
             Resistance::Step => self.change.copy_from_slice(&self.problem.change),
@@ -367,6 +390,7 @@ impl ContactStepper {
                 stepper.respond::<false>(loads, Resistance::Step, impulses, &mut self.change);
             }
         }
+        solved
     }
 
     fn report(&mut self) {

@@ -23,9 +23,10 @@ const TOLERANCE: f64 = 1e-10;
 /// Impulse (N s) that is none.
 const NO_IMPULSE: f64 = 1e-16;
 const MAX_ITERATIONS: usize = 60;
-/// How often bounds of friction follow the normal impulses, and the share of them at which they have.
+/// How often bounds of friction follow the normal impulses, extrapolated and then damped, and the share of them at which they have.
 const MAX_BOUNDS: usize = 20;
-const SAME_BOUND: f64 = 1e-6;
+const MAX_DAMPED: usize = 200;
+pub(super) const SAME_BOUND: f64 = 1e-6;
 /// The tolerance with which the problem is solved before they have: at first, and by how much they were off last.
 const ROUGH: f64 = 1e-2;
 const INEXACT: f64 = 0.1;
@@ -54,10 +55,27 @@ pub(super) struct Problem {
     pub bounds: Bounds,
 }
 
+/// How well a problem is solved.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Solved {
+    /// Whether the velocities are those of the bounds of friction.
+    pub found: bool,
+    /// By how much these bounds differ from those of the normal impulses, for the largest of them.
+    pub off: f64,
+}
+
+impl Solved {
+    /// Of a problem without contacts.
+    pub const NOTHING: Self = Self {
+        found: true,
+        off: 0.0,
+    };
+}
+
 impl Problem {
     /// Solves the problem, whose contacts stand at the velocities without them: bounds of friction, and the velocities under each.
-    /// `robot` says how the joints' rates change by reactions. Whether it is solved.
-    pub fn solve(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> bool {
+    /// `robot` says how the joints' rates change by reactions.
+    pub fn solve(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> Solved {
         let zero = Vector3::zeros();
         self.movables.prepare(&self.touches);
         for buffer in [&mut self.change, &mut self.trial] {
@@ -66,37 +84,54 @@ impl Problem {
         }
         self.reactions.resize(centres.len(), Reaction::default());
         if self.touches.iter().all(|touch| touch.friction == 0.0) {
-            return self.minimise(TOLERANCE, centres, robot);
+            let found = self.minimise(TOLERANCE, centres, robot);
+            return Solved {
+                found,
+                ..Solved::NOTHING
+            };
         }
         // A step among objects depends on earlier ones by rapier's search, too; one without them is a function of its state.
         let with_objects = !self.movables.all.is_empty();
         if with_objects {
             self.bounds.recall(&mut self.touches);
         }
-        let followed = self.find_bounds(centres, robot);
+        let off = self.find_bounds(centres, robot);
         if with_objects {
             self.bounds.keep(&self.touches);
         }
-        self.minimise(TOLERANCE, centres, robot) && followed
+        let found = self.minimise(TOLERANCE, centres, robot);
+        Solved { found, off }
     }
 
-    /// Finds bounds of friction that are those of the normal impulses; whether they are.
-    fn find_bounds(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> bool {
+    /// Finds bounds of friction that are those of the normal impulses. By how much they are off, for the largest of them.
+    fn find_bounds(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> f64 {
         self.bounds.begin();
         let mut tolerance = ROUGH;
         for _ in 0..MAX_BOUNDS {
             self.minimise(tolerance, centres, robot);
-            let change = self.follow_bounds();
-            if change <= SAME_BOUND {
-                return true;
+            let off = self.follow_bounds(Bounds::next);
+            if off <= SAME_BOUND {
+                return off;
             }
-            tolerance = (INEXACT * change).clamp(TOLERANCE, ROUGH);
+            tolerance = (INEXACT * off).clamp(TOLERANCE, ROUGH);
         }
-        false
+        // Where the normal impulses depend much on friction, these come to no end.
+        self.bounds.begin();
+        self.touches.iter_mut().for_each(|touch| touch.bound = 0.0);
+        let mut off = f64::INFINITY;
+        for _ in 0..MAX_DAMPED {
+            self.minimise(TOLERANCE, centres, robot);
+            off = self.follow_bounds(Bounds::next_damped);
+            if off <= SAME_BOUND {
+                break;
+            }
+        }
+        off
     }
 
-    /// Sets the bounds of friction to those of the normal impulses, extrapolated. By how much they differed, for the largest of them.
-    fn follow_bounds(&mut self) -> f64 {
+    /// Sets the bounds of friction to what comes `next` after those and the ones that the normal impulses ask for. By how much these
+    /// differed, for the largest of them.
+    fn follow_bounds(&mut self, next: fn(&mut Bounds, &[f64], Vec<f64>) -> Vec<f64>) -> f64 {
         let (mut change, mut largest): (f64, f64) = (0.0, 0.0);
         let found: Vec<f64> = (self.touches.iter())
             .map(|touch| {
@@ -111,7 +146,7 @@ impl Problem {
             return 0.0;
         }
         let bounds: Vec<f64> = self.touches.iter().map(|touch| touch.bound).collect();
-        let next = self.bounds.next(&bounds, found);
+        let next = next(&mut self.bounds, &bounds, found);
         for (touch, bound) in self.touches.iter_mut().zip(next) {
             touch.bound = bound;
         }

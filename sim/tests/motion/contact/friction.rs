@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use tdcr_sim::contact::{ContactLaw, ContactStepper};
-use tdcr_sim::dynamics::{Integrator, State, Stepper};
+use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::geometry::{Bead, Beads};
 use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec, Wrench};
 use tdcr_sim::scene::{Obstacle, Scene};
@@ -105,5 +105,54 @@ fn a_tip_sticks_below_the_angle_of_friction_and_slips_above() {
             // Less 1 N of friction, the force accelerates the joint.
             assert!(way > 1e-5, "{way} m in 50 ms");
         }
+    }
+}
+
+/// A robot that leans on a wall by its tendons, whose friction bears on what presses it there.
+#[test]
+fn friction_of_any_coefficient_is_within_its_cone_or_the_step_is_refused() {
+    let robot = Robot::load("2m").unwrap();
+    let wanted = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019];
+    let turned = std::f64::consts::FRAC_1_SQRT_2;
+    for friction in [0.5, 5.0, 15.0, 20.0, 50.0, 200.0, 1e4] {
+        let wall = Obstacle::half_space("wall")
+            .at([-0.05, 0.0, 0.0])
+            .with_orientation([turned, 0.0, turned, 0.0])
+            .and_then(|wall| wall.with_friction(friction))
+            .unwrap();
+        let scene = Scene::new(vec![wall]).unwrap();
+        let stepper = Stepper::new(&robot, 2e-3, Integrator::SemiImplicitEuler).unwrap();
+        let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default()).unwrap();
+        let mut state = State::straight(&robot);
+        let (mut touched, mut refused) = (0, false);
+        for step in 0..400 {
+            let share = f64::from(step) / 399.0;
+            let command = wanted.map(|to| 0.02 + share * (to - 0.02));
+            let command = robot.command(&command).unwrap();
+            match stepper.step(&mut state, &command, &Loads::default()) {
+                Ok(()) => {}
+                Err(DynamicsError::FrictionNotFound { off, .. }) => {
+                    assert!(off > 0.01 && friction > 1e3, "{friction}: {off}");
+                    refused = true;
+                    break;
+                }
+                Err(error) => panic!("{friction}: {error}"),
+            }
+            let obstacles = stepper.contacts().iter();
+            for contact in obstacles.filter(|contact| contact.partner.obstacle().is_some()) {
+                let normal = contact.force.dot(&contact.normal);
+                let across = (contact.force - contact.normal * normal).norm();
+                assert!(
+                    across <= friction * normal * 1.011 + 1e-9,
+                    "{friction}, step {step}: {across} N beside {normal} N"
+                );
+                touched += 1;
+            }
+        }
+        eprintln!(
+            "{friction}: {touched} contacts, {} steps not to full precision, {refused}",
+            stepper.unsolved()
+        );
+        assert!(refused || touched > 10, "{friction}: {touched}");
     }
 }
