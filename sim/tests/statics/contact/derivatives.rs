@@ -248,3 +248,33 @@ fn gradients_are_transposed_derivatives() {
         }
     }
 }
+
+/// Compliances below 1e-8 m/N count as that, so that nothing changes with them.
+#[test]
+fn a_compliance_below_the_stiffest_has_no_derivative() {
+    let robot = Robot::load("2m").unwrap();
+    let command = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019];
+    let command = robot.command(&command).unwrap();
+    let turned = std::f64::consts::FRAC_1_SQRT_2;
+    let settled = |compliance: f64| {
+        let wall = Obstacle::half_space("wall")
+            .at([-0.05, 0.0, 0.0])
+            .with_orientation([turned, 0.0, turned, 0.0])
+            .and_then(|wall| wall.with_compliance(compliance))
+            .unwrap();
+        let scene = Scene::new(vec![wall]).unwrap();
+        let mut settler = ContactSettler::new(&robot, &scene);
+        let found = settler.settle(&command, &Loads::default()).unwrap().clone();
+        assert!(found.equilibrium.converged && !found.contacts.is_empty());
+        let sensitivity = settler.sensitivity(&command, &Loads::default()).unwrap();
+        let tip = sensitivity.by_compliance(0)[9].position;
+        (found.equilibrium.positions[9], tip.norm())
+    };
+    let [harder, stiffest, softer] = [5e-9, 1e-8, 2e-8].map(settled);
+    assert_eq!(harder.0, stiffest.0);
+    assert_eq!(harder.1, 0.0);
+    assert!(
+        stiffest.1 > 0.1 && softer.1 > 0.1,
+        "{stiffest:?} {softer:?}"
+    );
+}
