@@ -133,6 +133,7 @@ test-python: wheel site
 bench: setup wheel
 	cargo bench --locked --bench sim --bench metrics --bench peak
 	$(PYTHON) benches/peers.py
+	$(PYTHON) benches/scenes.py
 	$(PYTHON) benches/networks.py
 	$(PYTHON) benches/envs.py
 	$(PYTHON) benches/bus.py

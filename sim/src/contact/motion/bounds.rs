@@ -164,17 +164,18 @@ mod tests {
     /// A map whose iterates, extrapolated or not, go away from its fixed point.
     #[test]
     fn the_fixed_point_of_a_steep_map_is_found_by_damped_iterates() {
-        for steepness in [30.0, 1e4] {
+        for steepness in [5.0, 30.0, 100.0] {
             let map = |b: &[f64]| vec![(1.0 - steepness * b[0]).max(0.0), 0.5 + 0.1 * b[0]];
             let mut bounds = Bounds::default();
             bounds.begin();
             let mut at = vec![0.0; 2];
-            for _ in 0..120 {
+            let found = (0..100).find(|_| {
                 let found = map(&at);
+                let error = minus(&found, &at);
                 at = bounds.next_damped(&at, found);
-            }
-            let error = minus(&map(&at), &at);
-            assert!(dot(&error, &error).sqrt() < 1e-6, "{at:?}: {error:?}");
+                dot(&error, &error).sqrt() < 1e-6
+            });
+            assert!(found.is_some(), "{steepness}: {at:?}");
         }
     }
 
