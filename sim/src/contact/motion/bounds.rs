@@ -160,7 +160,6 @@ fn dot(one: &[f64], other: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// A map that takes the error down by 0.85 an iteration, which alone would take 85 iterations.
     /// A map whose iterates, extrapolated or not, go away from its fixed point.
     #[test]
     fn the_fixed_point_of_a_steep_map_is_found_by_damped_iterates() {
@@ -179,6 +178,7 @@ mod tests {
         }
     }
 
+    /// A map that takes the error down by 0.85 an iteration, which alone would take 85 iterations.
     #[test]
     fn the_fixed_point_of_a_slow_linear_map_is_found_in_a_few_iterations() {
         let map = |b: &[f64]| vec![1.0 + 0.9 * b[1], 2.0 - 0.8 * b[0], 0.5 * b[2] + 0.1 * b[0]];
