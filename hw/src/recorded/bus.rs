@@ -302,7 +302,7 @@ fn all(ids: &[ServoId], command: ServoCommand) -> Vec<(ServoId, ServoCommand)> {
     ids.iter().map(|&id| (id, command)).collect()
 }
 
-/// An command to each servo.
+/// A command to each servo.
 fn each<T: Copy>(
     values: &[(ServoId, T)],
     command: impl Fn(T) -> ServoCommand,

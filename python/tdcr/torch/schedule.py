@@ -74,7 +74,7 @@ class Optimizers:
         if others:
             self.parts.append(torch.optim.AdamW(others, betas=(0.9, 0.999), eps=1e-8, weight_decay=decay))
         if hidden and not hasattr(torch.optim, "Muon"):
-            raise MissingPackageError(f"Muon needs PyTorch 2.9 or later, this is {torch.__version__}; adamw needs no later one")
+            raise MissingPackageError(f"Muon needs PyTorch 2.9 or later, this is {torch.__version__}; expected optimizer adamw")
         if hidden:
             self.parts.append(torch.optim.Muon(hidden, momentum=0.95, nesterov=True, ns_steps=5, weight_decay=decay))
 

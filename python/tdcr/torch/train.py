@@ -171,7 +171,7 @@ def initial(path: Path, shape: Shape, provenance: dict[str, Any]) -> torch.nn.Mo
     if model.shape != shape:
         raise InputError(f"{path} has the shape {model.shape}, expected {shape}")
     if model.provenance["normalisation"] != provenance["normalisation"]:
-        raise InputError(f"{path} is of other units, expected those of the data")
+        raise InputError(f"{path} is of other units than the data: normalisation_from takes a model for theirs")
     return model.network
 
 
