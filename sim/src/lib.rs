@@ -61,6 +61,7 @@ extern crate self as tdcr_sim;
 
 mod backbone;
 pub mod camera;
+mod capstan;
 pub mod chain;
 pub mod cloud;
 pub mod contact;

@@ -42,6 +42,33 @@ pub enum DynamicsError {
         Integrator::ImplicitEuler
     )]
     InFluid,
+    /// Friction of a tendon in its holes, where steps do not have it.
+    #[error(
+        "tendon {} has friction in its holes, which only steps by {:?} and {:?} have, without inextensible tendons whose length is commanded, and \
+         not under MuJoCo's law of contacts; leave out its `friction`",
+        tendon + 1,
+        Integrator::SemiImplicitEuler,
+        Integrator::ImplicitEuler
+    )]
+    Rubbing {
+        /// The tendon, from 0.
+        tendon: usize,
+    },
+    /// A robot with friction of tendons one of which goes another way than up the discs.
+    #[error(
+        "a tendon passes some discs by or turns back, and tendon {} has friction in its holes: in motion friction needs tendons that go \
+         through a hole of each disc on their way up; leave out its `friction`, or let the tendons go through all discs",
+        tendon + 1
+    )]
+    RubbingRoute {
+        /// The tendon with friction, from 0.
+        tendon: usize,
+    },
+    /// Deflections that cannot be those of a robot's contacts.
+    #[error(
+        "deflections in the tendons' holes are not finite, or not one for each interior hole of each tendon"
+    )]
+    Deflections,
     /// A servo that takes time to follow its commands, where derivatives of a single step are asked for.
     #[error(
         "the servo of tendon {} follows its commands late, and single steps have derivatives only by the command that acts; \

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::acceleration::EquationsOfMotion;
 use super::composite::{Composite, compose};
 use super::links::Link;
+use super::rubbing::first_rubbing;
 use super::{DynamicsError, State};
 use crate::energy::following::{add_forces, add_moments};
 use crate::energy::{DeadForces, Expansion, Potential};
@@ -33,6 +34,12 @@ impl StepExpansion {
     pub fn new(robot: &Robot, timestep: f64) -> Result<Self, DynamicsError> {
         if !(timestep.is_finite() && timestep > 0.0) {
             return Err(DynamicsError::Timestep(timestep));
+        }
+        if first_rubbing(robot).is_some() {
+            return Err(DynamicsError::Underivable {
+                what: "motions with friction of tendons in their holes",
+                expected: "tendons without `friction`",
+            });
         }
         let armatures = Link::armatures(robot, timestep);
         Ok(Self {

@@ -1,6 +1,7 @@
 //! Steps in which inextensible tendons have their commanded lengths (`held`).
 
 use super::held::HeldLengths;
+use super::rubbing::first_rubbing;
 use super::{DynamicsError, Resistance, State, Stepper};
 use crate::robot::{Command, Loads};
 
@@ -22,7 +23,7 @@ impl Stepper {
             self.begin(state, held.acting(command), loads)?;
             self.find_tensions(held, state, command);
         }
-        self.finish(state, &held.change)
+        self.finish(state, command, &held.change)
     }
 
     /// Finds the tensions of the step that was begun from `state`.
@@ -40,6 +41,11 @@ impl Stepper {
     pub(crate) fn first_held(&self) -> Option<usize> {
         let tendons = self.robot().tendons();
         tendons.iter().position(|tendon| tendon.holds_length())
+    }
+
+    /// The first tendon that has friction in its holes.
+    pub(crate) fn first_rubbing(&self) -> Option<usize> {
+        first_rubbing(self.robot())
     }
 
     /// Tendons whose lengths are commanded, without a stretch, and their tensions in the last step (N).

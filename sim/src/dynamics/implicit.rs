@@ -2,73 +2,33 @@
 //! Cloth Simulation, SIGGRAPH 1998); the matrix of implicit steps.
 
 use faer::Mat;
-use nalgebra::{Matrix3, Matrix6, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use super::State;
 use super::acceleration::{EquationsOfMotion, to_coordinates};
+use super::blocks::{StepBlocks, Weights};
 use super::composite::Composite;
 use super::reaction::{Reaction, torques_of};
 use crate::chain::{Chain, Configuration};
-use crate::energy::following::{add_bodies, add_forces, add_moments, add_product, follows};
-use crate::energy::{DeadForces, Expansion, Potential};
 use crate::factor::{ChainLu, ChainMatrix, Curvature, Side};
 use crate::robot::{Loads, Robot};
 
-/// `M + d D + k K` in the posture that equations of motion are in, factorised in O(n): mass matrix with armatures, damping,
-/// and the Jacobian of the residual moments under all loads. World axes.
+/// `M + d D + k K` in the posture that equations of motion are in, factorised in O(n).
 #[derive(Clone, Debug)]
 pub(super) struct ImplicitMatrix {
-    expansion: Expansion,
-    /// Dead forces, and the following ones as they are in this posture.
-    dead: DeadForces,
-    joints: Vec<Matrix3<f64>>,
-    bodies: Vec<Matrix6<f64>>,
+    blocks: StepBlocks,
     lu: ChainLu,
     /// No terms of discs.
     none: Vec<Vector3<f64>>,
 }
 
-/// What mass, damping and stiffness matrix are multiplied by in a sum, and what is added to every joint besides.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Weights {
-    pub mass: f64,
-    pub damping: f64,
-    pub stiffness: f64,
-    pub joints: f64,
-    pub part: Part,
-}
-
-/// Which part of the stiffness matrix is taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Part {
-    Whole,
-    Symmetric,
-}
-
-impl Weights {
-    /// `M + d D + k K`.
-    pub fn of_step(damping: f64, stiffness: f64) -> Self {
-        Self {
-            mass: 1.0,
-            damping,
-            stiffness,
-            joints: 0.0,
-            part: Part::Whole,
-        }
-    }
-}
-
 impl ImplicitMatrix {
     pub fn new(robot: &Robot) -> Self {
-        let n = robot.discs().len();
-        let expansion = Expansion::new(robot);
+        let blocks = StepBlocks::new(robot);
         Self {
-            dead: DeadForces::new(robot),
-            joints: vec![Matrix3::zeros(); n],
-            bodies: vec![Matrix6::zeros(); n],
-            lu: ChainLu::new(&expansion),
-            none: vec![Vector3::zeros(); n],
-            expansion,
+            lu: ChainLu::new(&blocks.expansion),
+            none: vec![Vector3::zeros(); robot.discs().len()],
+            blocks,
         }
     }
 
@@ -85,8 +45,7 @@ impl ImplicitMatrix {
         self.combine(equations, loads, Weights::of_step(damping, stiffness))
     }
 
-    /// Expands `K` at `q`, where `equations` are: the potential's derivatives, following loads as the dead forces that they are
-    /// here.
+    /// Expands `K`: [`StepBlocks::expand`].
     pub fn expand(
         &mut self,
         equations: &EquationsOfMotion,
@@ -94,21 +53,7 @@ impl ImplicitMatrix {
         q: &Configuration,
         command: &[f64],
     ) {
-        let posture = &equations.posture;
-        let mut dead = &equations.forces.dead;
-        if loads.wrenches().iter().any(follows) {
-            self.dead.clone_from(dead);
-            add_forces(loads, 1.0, posture, &mut self.dead);
-            dead = &self.dead;
-        }
-        let robot = &equations.robot;
-        let potential = Potential {
-            robot,
-            command,
-            dead,
-        };
-        potential.expand(q, posture, &mut self.expansion);
-        add_moments(loads, 1.0, posture, &mut self.expansion);
+        self.blocks.expand(equations, loads, q, command);
     }
 
     /// Factorises a sum of mass, damping and stiffness matrix, as the last was expanded; `None` if it cannot be.
@@ -129,43 +74,14 @@ impl ImplicitMatrix {
         weights: Weights,
         reactions: &[Reaction],
     ) -> Option<Curvature> {
-        let posture = &equations.posture;
-        // M and D: each disc's inertia about its joint's centre, and what resists the joint.
-        let places = equations.links.iter().zip(equations.orientations());
-        let blocks = self.bodies.iter_mut().zip(&mut self.joints);
-        for (index, ((body, joint), (link, orientation))) in blocks.zip(places).enumerate() {
-            *body = link.body(orientation).spatial() * weights.mass;
-            let axes = posture.chain.hinges(index);
-            let damping = link.damping_matrix(orientation, axes) * weights.damping;
-            *joint = damping
-                + match axes {
-                    None => Matrix3::identity() * (link.armature * weights.mass + weights.joints),
-                    Some(_) => {
-                        link.armature_matrix(axes) * weights.mass
-                            + Matrix3::identity() * weights.joints
-                    }
-                };
-        }
-        if let Some((tip, orientation)) =
-            (self.bodies.last_mut()).zip(equations.orientations().last())
-        {
-            *tip += equations.payload.body(orientation).spatial() * weights.mass;
-        }
-        add_bodies(loads, weights.stiffness, posture, &mut self.bodies);
-        for (body, reaction) in self.bodies.iter_mut().zip(reactions) {
-            *body += reaction.spatial();
-        }
-        if weights.part == Part::Symmetric {
-            for body in &mut self.bodies {
-                *body = (*body + body.transpose()) * 0.5;
-            }
-        }
+        let blocks = &mut self.blocks;
+        blocks.set(equations, loads, weights, reactions);
         self.lu.factorise(&ChainMatrix {
-            expansion: &self.expansion,
+            expansion: &blocks.expansion,
             scale: weights.stiffness,
-            centres: &posture.chain.centres,
-            joints: &self.joints,
-            bodies: &self.bodies,
+            centres: &equations.posture.chain.centres,
+            joints: &blocks.joints,
+            bodies: &blocks.bodies,
         })
     }
 
@@ -182,8 +98,7 @@ impl ImplicitMatrix {
         turns: &[Vector3<f64>],
         out: &mut [Vector3<f64>],
     ) {
-        self.expansion.product(turns, out);
-        add_product(loads, 1.0, &equations.posture, turns, out);
+        (self.blocks).stiffness_product(equations, loads, turns, out);
     }
 }
 

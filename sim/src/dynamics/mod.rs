@@ -25,8 +25,9 @@
 //! Discs are rigid bodies with their centres of mass at their origins; joints have armature and
 //! viscous damping; tendons are massless and take the tension that their drives and stiffnesses give
 //! at each instant. A payload is a point mass on the distal disc: it has inertia as well as weight.
-//! Friction of the tendons in their holes does not act in motion, only in statics: a state does not
-//! hold which way each contact last slipped. Commanded lengths of inextensible tendons are constraints
+//! Friction of the tendons in their holes is that of [`crate::tendon_friction`] (`rubbing`), in steps of first order. What the contacts bear
+//! is not in the state: a stepper remembers it where it last led the robot ([`Stepper::tendon_profiles`]), and begins from any other
+//! state with none loaded. Commanded lengths of inextensible tendons are constraints
 //! (`held`), which steps of first order hold without obstacles. A command is what acts on the tendons:
 //! where servos have a lag or a largest rate, [`Servos`] say what acts. A fluid around the robot holds its discs back (`drag`), in
 //! steps of first order.
@@ -44,6 +45,7 @@
 mod acceleration;
 mod adjoint;
 mod articulated;
+mod blocks;
 mod composite;
 mod drag;
 mod equations;
@@ -66,6 +68,7 @@ mod pushes;
 mod reacting;
 mod reaction;
 mod rollout;
+mod rubbing;
 mod runge_kutta;
 mod servos;
 mod small_motions;
@@ -88,6 +91,7 @@ pub(crate) use pushes::{OppositePush, Push, PushingObstacle, Surroundings};
 pub(crate) use reacting::Resistance;
 pub(crate) use reaction::Reaction;
 pub use rollout::{Rollout, rollout_batch};
+pub(crate) use rubbing::MAX_REVISIONS;
 pub use servos::Servos;
 pub(crate) use small_motions::SmallMotions;
 pub use state::{Energy, State};

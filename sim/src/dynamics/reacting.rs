@@ -6,9 +6,11 @@
 use nalgebra::Vector3;
 
 use super::pushes::Push;
+use super::rubbing::Implicitness;
 use super::stepper::{Scheme, advance, largest_turn};
 use super::{DynamicsError, Integrator, Reaction, State, Stepper};
-use crate::chain::Chain;
+use crate::capstan::TendonProfile;
+use crate::chain::{Chain, Configuration};
 use crate::robot::{Command, Loads};
 use crate::tendon::Posture;
 
@@ -46,12 +48,104 @@ impl Stepper {
             self.implicit = scheme.accelerate(equations, loads, state, command, h, accelerations);
             self.fallbacks += usize::from(!self.implicit);
         }
-        if !self.implicit {
-            let (q, v) = (&state.configuration, &state.velocity);
-            equations.accelerate(q, v, command, &self.armatures, accelerations);
+        let (q, v) = (&state.configuration, &state.velocity);
+        match (&mut self.rubbing, self.implicit) {
+            (None, false) => {
+                equations.accelerate(q, v, command, &self.armatures, accelerations);
+            }
+            (None, true) => {}
+            (Some(rubbing), _) => {
+                equations.enter(q, v, command);
+                rubbing.begin(equations, state, command);
+            }
         }
+        self.rub(state, loads);
         self.hold_back(state, loads);
         Ok(())
+    }
+
+    /// Writes the accelerations of the step that was begun from `state`, contacts of the tendons as they are assumed to be.
+    fn rub(&mut self, state: &State, loads: &Loads) {
+        let step = self.implicitness();
+        let Some(rubbing) = &mut self.rubbing else {
+            return;
+        };
+        let (equations, out) = (&mut self.equations, &mut self.accelerations);
+        if !rubbing.accelerate(equations, loads, &state.configuration, step, out) {
+            out.fill(f64::NAN);
+        }
+    }
+
+    /// Of the step that was begun from `state`, the rates changed by `change` (rad/s, world axes; by nothing where it is empty): assumes what the tendons do in their
+    /// holes then. Returns whether that is something else than was assumed; the step is then begun anew with it.
+    pub(crate) fn rub_again(
+        &mut self,
+        state: &State,
+        loads: &Loads,
+        change: &[Vector3<f64>],
+    ) -> bool {
+        let Some(mut rubbing) = self.rubbing.take() else {
+            return false;
+        };
+        let chain = &self.equations.posture.chain;
+        let joints = state.velocity.as_chunks::<3>().0.iter();
+        let joints = joints.zip(self.accelerations.as_chunks::<3>().0);
+        let mut rates: Vec<Vector3<f64>> = (joints.enumerate())
+            .map(|(joint, (v, a))| {
+                chain.axes(joint) * (Vector3::from(*v) + Vector3::from(*a) * self.timestep)
+            })
+            .collect();
+        for (rate, change) in rates.iter_mut().zip(change) {
+            *rate += change;
+        }
+        let changed = rubbing.revise(&self.equations, self.implicitness(), &rates);
+        self.rubbing = Some(rubbing);
+        if changed {
+            self.rub(state, loads);
+            self.hold_back(state, loads);
+        }
+        changed
+    }
+
+    fn implicitness(&self) -> Implicitness {
+        Implicitness {
+            timestep: self.timestep,
+            stiffness: self.implicit,
+        }
+    }
+
+    /// Contacts of the tendons in their holes where the last step led the robot, one profile for each tendon; none of a robot without friction.
+    /// Steps from another state begin with no contact loaded.
+    pub fn tendon_profiles(&self) -> &[TendonProfile] {
+        self.rubbing.as_ref().map_or(&[], |rubbing| &rubbing.before)
+    }
+
+    /// Energy that tendons have turned into heat in their holes since a step that began with no contact loaded (J).
+    pub fn dissipated(&self) -> f64 {
+        self.rubbing
+            .as_ref()
+            .map_or(0.0, |rubbing| rubbing.dissipated)
+    }
+
+    /// Loads the contacts of the tendons in their holes for steps from `configuration`, where `command` acts, as
+    /// [`tendon_profiles`](Self::tendon_profiles) had them: `deflections` (m), one for each interior hole of each tendon, or an empty list where no contact is loaded. Does nothing for
+    /// a robot without friction.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Deflections`] where they are not of this robot, or not finite; [`DynamicsError::Size`] for a configuration of another.
+    pub fn load_tendons(
+        &mut self,
+        configuration: &Configuration,
+        command: &Command,
+        deflections: &[Vec<f64>],
+    ) -> Result<(), DynamicsError> {
+        let robot = &self.equations.robot;
+        let joints = [robot.discs().len(), configuration.0.len()];
+        DynamicsError::check_size(robot, "configuration", joints)?;
+        match &mut self.rubbing {
+            Some(rubbing) => rubbing.load(robot, configuration, command, deflections),
+            None => Ok(()),
+        }
     }
 
     /// Adds what the drag of a fluid changes of the step that was begun from `state`.
@@ -139,6 +233,13 @@ impl Stepper {
         out: &mut [Vector3<f64>],
     ) {
         let implicit = self.implicit && resistance == Resistance::Step;
+        let step = self.implicitness();
+        if let (Some(rubbing), Resistance::Step) = (&mut self.rubbing, resistance) {
+            if !rubbing.respond(&self.equations, loads, step, reactions, out) {
+                out.fill(Vector3::repeat(f64::NAN));
+            }
+            return;
+        }
         if let (Scheme::ImplicitEuler(scheme), true) = (&mut self.scheme, implicit) {
             let h = self.timestep;
             if !scheme.respond(&self.equations, loads, h, reactions, out) {
@@ -160,6 +261,10 @@ impl Stepper {
         reactions: &[Reaction],
         out: &mut [Vector3<f64>],
     ) {
+        if let (Some(rubbing), Resistance::Step) = (&mut self.rubbing, resistance) {
+            rubbing.respond_again(&self.equations, reactions, out);
+            return;
+        }
         let implicit = self.implicit && resistance == Resistance::Step;
         match (&mut self.scheme, implicit) {
             (Scheme::ImplicitEuler(scheme), true) => {
@@ -201,11 +306,20 @@ impl Stepper {
     pub(crate) fn finish(
         &mut self,
         state: &mut State,
+        command: &Command,
         change: &[Vector3<f64>],
     ) -> Result<(), DynamicsError> {
         self.accelerate_by(change);
         let h = self.timestep;
         advance(&self.equations.robot, state, &self.accelerations, h);
-        self.check_turn(largest_turn(&state.velocity, h), state)
+        self.check_turn(largest_turn(&state.velocity, h), state)?;
+        if let Some(rubbing) = &mut self.rubbing {
+            rubbing.finish(
+                &self.equations.robot,
+                &state.configuration,
+                command.as_slice(),
+            );
+        }
+        Ok(())
     }
 }

@@ -70,12 +70,16 @@ impl<'a> StepLoads<'a> {
 }
 
 impl Stepper {
-    /// The states after each step of `rollout`, at the start of which the servos have come to the first command.
+    /// The states after each step of `rollout`, at the start of which the servos have come to the first command, and no contact of
+    /// the tendons in their holes is loaded.
     ///
     /// # Errors
     /// [`DynamicsError`] of the first step that fails.
     pub fn rollout(&mut self, rollout: &Rollout) -> Result<Vec<State>, DynamicsError> {
         let (robot, timestep) = (self.robot().clone(), self.timestep);
+        if let Some(first) = rollout.commands.first() {
+            self.load_tendons(&rollout.start.configuration, first, &[])?;
+        }
         rollout.states(&robot, timestep, |state, command, loads| {
             self.step(state, command, loads)
         })

@@ -11,6 +11,7 @@ use super::integrator::{Integrator, LARGEST_TURN};
 use super::links::Link;
 use super::midpoint::ImplicitMidpoint;
 use super::pushes::{Push, Surroundings};
+use super::rubbing::{MAX_REVISIONS, Rubbing, first_rubbing};
 use super::runge_kutta::RungeKutta;
 use super::{DynamicsError, Energy, State};
 use crate::robot::{Command, Loads, Robot};
@@ -29,6 +30,8 @@ pub struct Stepper {
     pub(super) held: Option<Box<HeldLengths>>,
     /// The fluid around the robot.
     pub(super) drag: Option<Box<Drag>>,
+    /// Tendons that have friction in their holes.
+    pub(super) rubbing: Option<Box<Rubbing>>,
     /// Whether the step that was begun is implicit in the stiffness.
     pub(super) implicit: bool,
     /// Accelerations of the joints' coordinates (rad/s²).
@@ -64,7 +67,8 @@ impl Stepper {
     ///
     /// # Errors
     /// [`DynamicsError`] for a time step that is not positive, a joint without inertia, or an
-    /// inextensible tendon whose length is commanded, or a fluid, and an integrator that is not of first order.
+    /// inextensible tendon whose length is commanded, a fluid or friction of tendons, and an integrator that is not of first order;
+    /// for friction besides such a tendon; for friction and a tendon that does not pass all discs on its way.
     pub fn new(
         robot: &Robot,
         timestep: f64,
@@ -79,6 +83,16 @@ impl Stepper {
             }
             _ if robot.spec().fluid.is_some() => return Err(DynamicsError::InFluid),
             _ => (None, None),
+        };
+        let first_order = matches!(
+            integrator,
+            Integrator::SemiImplicitEuler | Integrator::ImplicitEuler
+        );
+        let rubbing = match first_rubbing(robot) {
+            Some(tendon) if !first_order || held.is_some() => {
+                return Err(DynamicsError::Rubbing { tendon });
+            }
+            _ => Rubbing::new(robot)?,
         };
         let by_tension = held
             .as_ref()
@@ -105,6 +119,7 @@ impl Stepper {
             scheme,
             held,
             drag,
+            rubbing,
             implicit: false,
             accelerations: vec![0.0; robot.dof()],
             inertial: vec![0.0; robot.dof()],
@@ -133,7 +148,7 @@ impl Stepper {
 
     /// Number of steps, since this stepper was made, that were not taken as the [`Integrator`] says: of
     /// [`Integrator::ImplicitEuler`] those where its matrix is not positive definite, of [`Integrator::ImplicitMidpoint`]
-    /// those taken in halves. The others always are.
+    /// those taken in halves; with friction of tendons, those where it was not found what all holes do. The others always are.
     pub fn fallbacks(&self) -> usize {
         self.fallbacks
     }
@@ -157,9 +172,15 @@ impl Stepper {
             self.held = Some(held);
             return moved;
         }
-        if self.drag.is_some() {
+        if self.drag.is_some() || self.rubbing.is_some() {
             self.begin(state, command, loads)?;
-            return self.finish(state, &[]);
+            for _ in 0..MAX_REVISIONS {
+                if !self.rub_again(state, loads, &[]) {
+                    return self.finish(state, command, &[]);
+                }
+            }
+            self.fallbacks += 1;
+            return self.finish(state, command, &[]);
         }
         self.equations.accept(state, command, loads)?;
         let (h, command) = (self.timestep, command.as_slice());

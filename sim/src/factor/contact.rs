@@ -14,8 +14,9 @@
     reason = "an index names one joint or slot in several arrays"
 )]
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use super::motions::{carried_to, shifted, shifted_back, turn_of};
 use crate::energy::{Columns, Expansion, noncommuting};
 use crate::robot::{Robot, Tendon};
 
@@ -42,14 +43,44 @@ impl Inflow {
     };
 }
 
+/// A matrix that is factorised.
+#[derive(Clone, Copy)]
+pub(crate) struct RubbedMatrix<'a, const D: usize> {
+    /// The potential's derivatives, the tendons' weights zero.
+    pub expansion: &'a Expansion,
+    /// What its Hessian, and the products `c_j dT_j`, are multiplied by.
+    pub hessian: f64,
+    pub tensions: f64,
+    /// Centre of each joint (m), what is added to each joint's block, and to each disc's; empty where only turns count.
+    pub centres: &'a [Vector3<f64>],
+    pub joints: &'a [Matrix3<f64>],
+    pub bodies: &'a [SMatrix<f64, D, D>],
+}
+
+impl<'a> RubbedMatrix<'a, 3> {
+    /// The Hessian and the products alone.
+    pub fn at_rest(expansion: &'a Expansion) -> Self {
+        Self {
+            expansion,
+            hessian: 1.0,
+            tensions: 1.0,
+            centres: &[],
+            joints: &[],
+            bodies: &[],
+        }
+    }
+}
+
 /// The factors.
 #[derive(Clone, Debug)]
-pub(crate) struct ContactLu {
+pub(crate) struct ContactLu<const D: usize = 3> {
     columns: Columns,
     /// One for each joint and slot, entry `joint * slots + slot`.
     pub inflows: Vec<Inflow>,
-    joints: Vec<JointFactor>,
-    slots: Vec<SlotFactor>,
+    /// Centre of each joint from that of the joint below (m).
+    arms: Vec<Vector3<f64>>,
+    joints: Vec<JointFactor<D>>,
+    slots: Vec<SlotFactor<D>>,
     /// By slot and slot: what the tensions that come in do to those that go on, and to the lengths.
     onward: Vec<f64>,
     shortening: Vec<f64>,
@@ -57,27 +88,27 @@ pub(crate) struct ContactLu {
     lost: Vec<f64>,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
-struct JointFactor {
+#[derive(Clone, Copy, Debug)]
+struct JointFactor<const D: usize> {
     /// Inverse of the pivot.
     inverse: Matrix3<f64>,
-    /// How the joint's equation depends on the turn below.
-    row: Matrix3<f64>,
+    /// How the joint's equation depends on the motion below.
+    row: SMatrix<f64, 3, D>,
     /// How the moment on the disc below depends on the joint's turn.
-    col: Matrix3<f64>,
+    col: SMatrix<f64, D, 3>,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
-struct SlotFactor {
+#[derive(Clone, Copy, Debug)]
+struct SlotFactor<const D: usize> {
     /// How the joint's equation depends on the tension that comes in.
     row: Vector3<f64>,
     /// How the length from here on depends on the joint's turn.
     col: Vector3<f64>,
     /// How the moment on the disc below depends on the tension that comes in.
-    moment: Vector3<f64>,
-    /// Decrease of the tension that goes on by the joint's turn, and by the turn of the disc below.
+    moment: SVector<f64, D>,
+    /// Decrease of the tension that goes on by the joint's turn, and by the motion of the disc below.
     by_turn: Vector3<f64>,
-    by_below: Vector3<f64>,
+    by_below: SVector<f64, D>,
 }
 
 macro_rules! with_slots {
@@ -92,7 +123,7 @@ macro_rules! with_slots {
     };
 }
 
-impl ContactLu {
+impl<const D: usize> ContactLu<D> {
     /// Storage for a robot each of whose tendons passes each joint at most once, by a segment of its own, from the base up;
     /// none for others.
     pub fn new(robot: &Robot, expansion: &Expansion) -> Option<Self> {
@@ -116,8 +147,25 @@ impl ContactLu {
         let (n, slots) = (expansion.joint_blocks.len(), columns.slots);
         Some(Self {
             inflows: vec![Inflow::NONE; n * slots],
-            joints: vec![JointFactor::default(); n],
-            slots: vec![SlotFactor::default(); n * slots],
+            arms: vec![Vector3::zeros(); n],
+            joints: vec![
+                JointFactor {
+                    inverse: Matrix3::zeros(),
+                    row: SMatrix::zeros(),
+                    col: SMatrix::zeros(),
+                };
+                n
+            ],
+            slots: vec![
+                SlotFactor {
+                    row: Vector3::zeros(),
+                    col: Vector3::zeros(),
+                    moment: SVector::zeros(),
+                    by_turn: Vector3::zeros(),
+                    by_below: SVector::zeros(),
+                };
+                n * slots
+            ],
             onward: vec![0.0; n * slots * slots],
             shortening: vec![0.0; n * slots * slots],
             lost: vec![0.0; n * slots],
@@ -130,21 +178,28 @@ impl ContactLu {
         joint * self.columns.slots + self.columns.slot[tendon]
     }
 
-    /// Factorises the second derivatives in `expansion`, whose tendons' weights are zero, with the tensions' slopes by the
-    /// inflows. Returns whether every pivot has an inverse.
-    pub fn factorise(&mut self, expansion: &Expansion) -> bool {
-        with_slots!(self.eliminate(expansion))
+    /// Factorises a `matrix` with the tensions' slopes by the inflows. Returns whether every pivot has an inverse.
+    pub fn factorise(&mut self, matrix: &RubbedMatrix<D>) -> bool {
+        for (joint, pair) in matrix.centres.windows(2).enumerate() {
+            self.arms[joint + 1] = pair[1] - pair[0];
+        }
+        with_slots!(self.eliminate(matrix))
     }
 
-    fn eliminate<const A: usize>(&mut self, expansion: &Expansion) -> bool {
+    fn eliminate<const A: usize>(&mut self, matrix: &RubbedMatrix<D>) -> bool {
         let (slots, n) = (self.columns.slots, self.joints.len());
-        let zero = Vector3::zeros();
+        let (expansion, scale) = (matrix.expansion, matrix.hessian);
+        let (zero, still) = (Vector3::zeros(), SVector::<f64, D>::zeros());
         // The law of what lies above: `P`, columns of `Q`, rows of `R`, and `S`; the moment carried.
-        let (mut turns, mut carried) = (Matrix3::zeros(), zero);
-        let (mut moments, mut lengths) = ([zero; A], [zero; A]);
+        let (mut motions, mut carried) = (SMatrix::<f64, D, D>::zeros(), zero);
+        let (mut moments, mut lengths) = ([still; A], [still; A]);
         let mut sums = [[0.0; A]; A];
         for joint in (0..n).rev() {
-            turns += expansion.disc_blocks[joint];
+            if let Some(body) = matrix.bodies.get(joint) {
+                motions += body;
+            }
+            let mut turns = motions.fixed_view_mut::<3, 3>(0, 0);
+            turns += expansion.disc_blocks[joint] * scale;
             carried += expansion.disc_gradient[joint];
             let slopes = &expansion.slopes[joint * slots..][..slots];
             let own = &self.inflows[joint * slots..][..slots];
@@ -155,7 +210,7 @@ impl ContactLu {
             // Lengths by the turn, and tensions by it (decreases) as long as lengths do not answer.
             let (mut stretch, mut drop) = ([zero; A], [zero; A]);
             for s in 0..slots {
-                stretch[s] = slopes[s] + lengths[s];
+                stretch[s] = slopes[s] + turn_of(&lengths[s]);
                 for r in 0..slots {
                     stretch[s] -= next[r].below * sums[s][r];
                 }
@@ -167,27 +222,34 @@ impl ContactLu {
                 return false;
             }
             let mut shortening = [[0.0; A]; A];
-            let (mut moment, mut row) = ([zero; A], [zero; A]);
+            let (mut moment, mut row) = ([still; A], [zero; A]);
             for q in 0..slots {
                 for r in 0..slots {
                     let goes_on = next[q].before * answer[q][r];
                     self.onward[(joint * slots + q) * slots + r] = goes_on;
                     moment[r] += moments[q] * goes_on;
-                    row[r] += slopes[q] * answer[q][r];
+                    row[r] += slopes[q] * (matrix.tensions * answer[q][r]);
                     for s in 0..slots {
                         shortening[s][r] += sums[s][q] * goes_on;
                     }
                 }
             }
             // The pivot, and what couples the joint to the turn below.
-            let twisted = noncommuting(&carried);
-            let mut pivot = expansion.joint_blocks[joint] + turns;
-            let (mut row_turn, mut col_turn) = (turns + twisted.transpose(), turns + twisted);
-            let mut reduced = turns;
+            let mut pivot = expansion.joint_blocks[joint] * scale
+                + matrix.joints.get(joint).copied().unwrap_or_default()
+                + motions.fixed_view::<3, 3>(0, 0);
+            let mut row_turn: SMatrix<f64, 3, D> = motions.fixed_rows::<3>(0).into_owned();
+            let mut col_turn: SMatrix<f64, D, 3> = motions.fixed_columns::<3>(0).into_owned();
+            let twisted = noncommuting(&carried) * scale;
+            let mut turns = row_turn.fixed_columns_mut::<3>(0);
+            turns += twisted.transpose();
+            let mut turns = col_turn.fixed_rows_mut::<3>(0);
+            turns += twisted;
+            let mut reduced = motions;
             for s in 0..slots {
-                row[s] += moment[s];
+                row[s] += turn_of(&moment[s]);
                 let wrapped = moments[s] * next[s].below.transpose();
-                pivot -= wrapped + row[s] * drop[s].transpose();
+                pivot -= wrapped.fixed_rows::<3>(0) + row[s] * drop[s].transpose();
                 col_turn -= wrapped + moment[s] * drop[s].transpose();
                 let held = lengths[s].transpose() * own[s].beyond;
                 row_turn -= row[s] * held;
@@ -196,21 +258,22 @@ impl ContactLu {
             // Hinges turn about their axes alone.
             let hinges = expansion.hinges(joint);
             if let (Some(hinges), Some(curving)) = (hinges, expansion.curving(joint, &carried)) {
-                pivot = hinges.confine(&(pivot + curving));
+                pivot = hinges.confine(&(pivot + curving * scale));
             }
             let Some(inverse) = pivot.try_inverse() else {
                 return false;
             };
             let inverse = hinges.map_or(inverse, |hinges| hinges.release(&inverse));
-            // The law of what lies above the joint below.
-            turns = reduced - col_turn * (inverse * row_turn);
+            // The law of what lies above the joint below, about that joint's centre.
+            let arm = &self.arms[joint];
+            motions = shifted(&(reduced - col_turn * (inverse * row_turn)), arm);
             let mut eased = [zero; A];
             for r in 0..slots {
                 eased[r] = inverse * row[r];
-                moments[r] = moment[r] - col_turn * eased[r];
+                moments[r] = shifted_back(&(moment[r] - col_turn * eased[r]), arm);
             }
             let mut col = [zero; A];
-            let mut by_below = [zero; A];
+            let mut by_below = [still; A];
             let mut law = lengths;
             for s in 0..slots {
                 col[s] = stretch[s];
@@ -226,7 +289,7 @@ impl ContactLu {
                     self.shortening[(joint * slots + s) * slots + r] = shortening[s][r];
                 }
             }
-            lengths = law;
+            lengths = law.map(|law| shifted_back(&law, arm));
             for s in 0..slots {
                 let mut by_turn = next[s].below;
                 for r in 0..slots {
@@ -248,7 +311,7 @@ impl ContactLu {
             // Tendons that begin here: their slots are free.
             for &column in &self.columns.bottom[joint] {
                 let slot = self.columns.slot[column];
-                (moments[slot], lengths[slot]) = (zero, zero);
+                (moments[slot], lengths[slot]) = (still, still);
                 for r in 0..slots {
                     (sums[slot][r], sums[r][slot]) = (0.0, 0.0);
                 }
@@ -266,12 +329,12 @@ impl ContactLu {
     fn substitute<const A: usize>(&mut self, rhs: &[Vector3<f64>], solution: &mut [Vector3<f64>]) {
         let (slots, n) = (self.columns.slots, self.joints.len());
         // From the tip to the base: moment and lengths with the joints above at rest below.
-        let mut moment = Vector3::zeros();
+        let mut moment = SVector::<f64, D>::zeros();
         let mut lengths = [0.0; A];
         for joint in (0..n).rev() {
             let (factor, at) = (&self.joints[joint], joint * slots);
             let own = &self.slots[at..][..slots];
-            let mut right = rhs[joint] - moment;
+            let mut right = rhs[joint] - turn_of(&moment);
             for s in 0..slots {
                 let lost = self.inflows[at + s].beyond * lengths[s];
                 self.lost[at + s] = lost;
@@ -279,7 +342,7 @@ impl ContactLu {
                 moment -= own[s].moment * lost;
             }
             let eased = factor.inverse * right;
-            moment += factor.col * eased;
+            moment = shifted_back(&(moment + factor.col * eased), &self.arms[joint]);
             let lost = &self.lost[at..][..slots];
             for s in 0..slots {
                 let row = &self.shortening[(at + s) * slots..][..slots];
@@ -292,12 +355,13 @@ impl ContactLu {
             solution[joint] = right;
         }
         // From the base to the tip: each turn, given the turn and the tensions below.
-        let mut turn = Vector3::zeros();
+        let mut motion = SVector::<f64, D>::zeros();
         let mut tensions = [0.0; A];
         for joint in 0..n {
             let (factor, at) = (&self.joints[joint], joint * slots);
             let own = &self.slots[at..][..slots];
-            let mut right = solution[joint] - factor.row * turn;
+            motion = carried_to(&motion, &self.arms[joint]);
+            let mut right = solution[joint] - factor.row * motion;
             for s in 0..slots {
                 right -= own[s].row * tensions[s];
             }
@@ -311,9 +375,10 @@ impl ContactLu {
                     .zip(comes)
                     .map(|(x, (t, lost))| x * (t - lost))
                     .sum();
-                onward[s] = goes - own[s].by_turn.dot(&step) - own[s].by_below.dot(&turn);
+                onward[s] = goes - own[s].by_turn.dot(&step) - own[s].by_below.dot(&motion);
             }
             tensions = onward;
+            let mut turn = motion.fixed_rows_mut::<3>(0);
             turn += step;
             solution[joint] = step;
         }
@@ -321,8 +386,27 @@ impl ContactLu {
 
     /// Writes the matrix that the inflows and `expansion` make, times the joints' `turns`.
     pub fn product(&self, expansion: &Expansion, turns: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
-        let (slots, n) = (self.columns.slots, turns.len());
         expansion.product(turns, out);
+        let mut tensions = vec![0.0; turns.len() * self.columns.slots];
+        self.tension_changes(expansion, turns, &mut tensions);
+        self.pull(expansion, &tensions, out);
+    }
+
+    /// Adds the moments of tensions in the segments, an entry for each joint and slot as in [`ContactLu::inflows`].
+    pub fn pull(&self, expansion: &Expansion, tensions: &[f64], out: &mut [Vector3<f64>]) {
+        for (at, (tension, slope)) in tensions.iter().zip(&expansion.slopes).enumerate() {
+            out[at / self.columns.slots] += slope * *tension;
+        }
+    }
+
+    /// Writes what `turns` of the joints change of the segments' tensions by the inflows, an entry for each joint and slot (N).
+    pub fn tension_changes(
+        &self,
+        expansion: &Expansion,
+        turns: &[Vector3<f64>],
+        tensions: &mut [f64],
+    ) {
+        let (slots, n) = (self.columns.slots, turns.len());
         // Lengths from each segment on, down the chain.
         let mut beyond = vec![0.0; n * slots];
         for at in (0..n * slots).rev() {
@@ -335,7 +419,6 @@ impl ContactLu {
             beyond[at] = expansion.slopes[at].dot(&turns[at / slots]) + above;
         }
         // Tensions, up the chain.
-        let mut tensions = vec![0.0; n * slots];
         for at in 0..n * slots {
             let (joint, inflow) = (at / slots, &self.inflows[at]);
             let mut tension = -inflow.own.dot(&turns[joint]) - inflow.beyond * beyond[at];
@@ -344,7 +427,6 @@ impl ContactLu {
                     inflow.before * tensions[at - slots] - inflow.below.dot(&turns[joint - 1]);
             }
             tensions[at] = tension;
-            out[joint] += expansion.slopes[at] * tension;
         }
     }
 }

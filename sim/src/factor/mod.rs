@@ -23,12 +23,13 @@ mod dense;
 mod held;
 mod krylov;
 mod loaded;
+mod motions;
 mod paired;
 mod softest;
 mod symmetric;
 mod unsymmetric;
 
-pub(crate) use contact::{ContactLu, Inflow};
+pub(crate) use contact::{ContactLu, Inflow, RubbedMatrix};
 pub(crate) use dense::{DenseLu, project};
 pub(crate) use held::HeldLengths;
 pub(crate) use krylov::{Arnoldi, dot, probe};

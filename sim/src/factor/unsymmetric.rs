@@ -9,6 +9,7 @@
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Matrix6x3, Vector3, Vector6};
 
 use super::Curvature;
+use super::motions::{shifted, shifted_back};
 use crate::energy::{Columns, Expansion, noncommuting};
 
 /// A matrix that is factorised: `scale` times a potential's Hessian, and more blocks on joints and discs.
@@ -266,26 +267,4 @@ pub(super) fn is_positive(m: &Matrix3<f64>) -> bool {
     let symmetric = (m + m.transpose()) * 0.5;
     let minor = symmetric.fixed_view::<2, 2>(0, 0).determinant();
     symmetric[(0, 0)] > 0.0 && minor > 0.0 && symmetric.determinant() > 0.0
-}
-
-/// `X' m X` with the motion `X z` of a point at `arm` from that of `z`: the same turn, displaced by `turn x arm` more.
-fn shifted(m: &Matrix6<f64>, arm: &Vector3<f64>) -> Matrix6<f64> {
-    let mut columns = *m;
-    // Columns of turns gain those of displacements times -[arm]x, then rows alike.
-    let gained = m.fixed_columns::<3>(3) * -arm.cross_matrix();
-    let mut turns = columns.fixed_columns_mut::<3>(0);
-    turns += gained;
-    let gained = arm.cross_matrix() * columns.fixed_rows::<3>(3);
-    let mut turns = columns.fixed_rows_mut::<3>(0);
-    turns += gained;
-    columns
-}
-
-/// `X' b`: a moment and a force about the other point.
-fn shifted_back(b: &Vector6<f64>, arm: &Vector3<f64>) -> Vector6<f64> {
-    let force: Vector3<f64> = b.fixed_rows::<3>(3).into();
-    let mut moved = *b;
-    let mut moment = moved.fixed_rows_mut::<3>(0);
-    moment += arm.cross(&force);
-    moved
 }

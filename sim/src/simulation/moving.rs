@@ -10,6 +10,7 @@ use crate::pose::Pose;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
 use crate::tendon::Posture;
+use crate::tendon_friction::TendonProfile;
 
 /// How far a motion has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,11 +131,32 @@ impl MovingRobot {
         self.stepper.place_objects(None)?;
         self.stepper.check_start(state)?;
         (self.taken, self.phase) = (0, Phase::Started);
-        Ok(())
+        self.load_tendons(&[])
+    }
+
+    /// Each tendon along its route after the last time step, with the contacts in its holes; none of a robot whose tendons have no friction.
+    pub fn tendon_profiles(&self) -> &[TendonProfile] {
+        self.stepper().tendon_profiles()
+    }
+
+    /// Energy that tendons have turned into heat in their holes since the start (J), or since [`load_tendons`](Self::load_tendons).
+    pub fn dissipated(&self) -> f64 {
+        self.stepper().dissipated()
+    }
+
+    /// Loads the contacts of the tendons in their holes with the deflections (m) that [`tendon_profiles`](Self::tendon_profiles) had in this
+    /// state, or with none where the list is empty.
+    ///
+    /// # Errors
+    /// [`SimulationError::Dynamics`] for deflections of other tendons, or not finite.
+    pub fn load_tendons(&mut self, deflections: &[Vec<f64>]) -> Result<(), SimulationError> {
+        let (q, acting) = (&self.state.configuration, self.servos.acting());
+        Ok(self.stepper.load_tendons(q, acting, deflections)?)
     }
 
     /// Goes on with a motion that was left in `state` while `command` was [`acting`](Self::acting), where [`MovingRobot::taken`] was `taken`: as if it
-    /// had not been left, to the last bit. Objects stay where they are: [`MovingRobot::place_objects`] places them.
+    /// had not been left, to the last bit. Objects stay where they are, and no contact of the tendons in their holes is loaded:
+    /// [`MovingRobot::place_objects`] and [`MovingRobot::load_tendons`] do that.
     ///
     /// # Errors
     /// As [`MovingRobot::start_at`].
@@ -151,7 +173,7 @@ impl MovingRobot {
             Some(0) => Phase::Started,
             Some(_) => Phase::Checked,
         };
-        Ok(())
+        self.load_tendons(&[])
     }
 
     /// Time steps since the last start; `None` before the first.
@@ -267,6 +289,7 @@ impl Simulation for MovingRobot {
         self.tensions.copy_from_slice(&equilibrium.tendon_tensions);
         self.servos = Servos::at(self.stepper.robot(), command);
         (self.taken, self.phase) = (0, Phase::Started);
+        self.load_tendons(&[])?;
         self.place();
         settled(self.robot(), command, &self.settler.found().equilibrium)?;
         Ok(self.check_stable(command, loads)?)

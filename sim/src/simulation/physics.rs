@@ -15,5 +15,18 @@ pub enum Physics {
     InMotion {
         /// Time step (s).
         timestep: f64,
+        /// Coefficient of friction of the tendons in their holes; `None` for those of the robot's file.
+        friction: Option<f64>,
     },
+}
+
+impl Physics {
+    /// The coefficient of friction of all tendons, where it is not that of the robot's file.
+    pub fn friction(self) -> Option<f64> {
+        match self {
+            Self::AtRest => None,
+            Self::WithFriction { coefficient } => Some(coefficient),
+            Self::InMotion { friction, .. } => friction,
+        }
+    }
 }

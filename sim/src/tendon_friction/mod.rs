@@ -60,18 +60,17 @@
 
 mod among;
 mod balance;
-mod capstan;
-mod line;
 mod snap;
 mod tangent;
 
+use crate::capstan::Work;
+pub use crate::capstan::{SlipState, TendonProfile};
 use crate::contact::Touching;
 use crate::robot::{Command, Loads, Robot};
 use crate::solve::{Continuation, turn_between};
 use crate::statics::{Equilibrium, Settler};
 pub use among::ContactPath;
 use balance::Balance;
-use capstan::Work;
 use tangent::Law;
 pub(crate) use tangent::Tangents;
 
@@ -81,35 +80,6 @@ const RESOLUTION: f64 = 0.02;
 const MIN_SUBSTEP: f64 = 1e-5;
 /// Largest part of the way that is left to a snap.
 const MAX_SNAP: f64 = 0.02;
-
-/// What a tendon does where it passes a hole.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SlipState {
-    /// It sticks; the contact deflects elastically.
-    Sticks,
-    /// It slips towards the servo: the tension is higher on the servo's side.
-    SlipsToServo,
-    /// It slips towards the end where the tendon is fastened: the tension is lower on the servo's
-    /// side.
-    SlipsToEnd,
-}
-
-/// One tendon from the servo to its fastened end: a route of `n` holes has `n - 1` segments and
-/// `n - 2` interior holes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TendonProfile {
-    /// Length of each segment (m).
-    pub lengths: Vec<f64>,
-    /// Tension of each segment (N).
-    pub tensions: Vec<f64>,
-    /// Wrap angle at each interior hole, between the segments on its two sides (rad).
-    pub wrap_angles: Vec<f64>,
-    /// Elastic deflection of the contact at each interior hole (m), positive when the friction holds
-    /// the tendon back from moving towards the servo.
-    pub deflections: Vec<f64>,
-    /// How the tendon moved through each interior hole in the last substep.
-    pub slip_states: Vec<SlipState>,
-}
 
 /// Where a path has come to.
 #[derive(Clone, Debug, PartialEq)]

@@ -13,8 +13,8 @@
 use nalgebra::Vector3;
 
 use super::balance::Balance;
-use super::line::Line;
 use super::{FrictionPath, SlipState, TendonProfile};
+use crate::capstan::Line;
 use crate::energy::{DeadForces, Potential};
 use crate::factor::Inflow;
 use crate::robot::{Loads, Pull, Robot, Tendon};

@@ -29,7 +29,10 @@ use super::law::STIFFEST;
 use super::near::Neighbourhood;
 use super::near_pairs::PairNeighbourhood;
 use super::{Activity, Contact};
-use crate::dynamics::{DynamicsError, Energy, LARGEST_TURN, Resistance, Rollout, State, Stepper};
+use crate::chain::Configuration;
+use crate::dynamics::{
+    DynamicsError, Energy, LARGEST_TURN, MAX_REVISIONS, Resistance, Rollout, State, Stepper,
+};
 use crate::geometry::Beads;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::{Scene, SelfContact};
@@ -155,6 +158,9 @@ impl ContactStepper {
                 if stepper.robot().spec().fluid.is_some() {
                     return Err(DynamicsError::InFluid);
                 }
+                if let Some(tendon) = stepper.first_rubbing() {
+                    return Err(DynamicsError::Rubbing { tendon });
+                }
                 mobilities = mobilities_of(&mut stepper)?;
             }
         }
@@ -230,28 +236,42 @@ impl ContactStepper {
         command: &Command,
         loads: &Loads,
     ) -> Result<(), DynamicsError> {
-        self.contacts.clear();
-        self.problem.touches.clear();
+        self.forget();
         if self.scene.obstacles().is_empty() && self.own.is_none() {
             return self.stepper.step(state, command, loads);
         }
         self.stepper.begin(state, command, loads)?;
-        let (resistance, free, rates) = (self.resistance(), &mut self.free, &mut self.rates);
-        (self.stepper).free_rates((state, command), resistance, free, rates);
-        self.change.fill(Vector3::zeros());
-        self.problem.movables.all.clear();
-        // A step that turns a joint too far is refused, whatever is touched in it.
-        if self.is_resolved(&self.free) {
-            self.touch(loads)?;
-            self.report();
+        let unsolved = self.unsolved;
+        let mut left = MAX_REVISIONS;
+        self.find(state, command, loads)?;
+        // What touches the robot changes what its tendons do in their holes.
+        while left > 0 && self.stepper.rub_again(state, loads, &self.change) {
+            left -= 1;
+            self.find(state, command, loads)?;
+        }
+        if left == 0 || self.unsolved > unsolved {
+            self.unsolved = unsolved + 1;
         }
         (self.objects).take(&self.problem.movables, &self.problem.touches);
-        self.stepper.finish(state, &self.change)?;
+        self.stepper.finish(state, command, &self.change)?;
         if !self.objects.are_none() {
             self.objects.step()?;
             self.follow_objects();
         }
         Ok(())
+    }
+
+    /// Loads the contacts of the tendons in their holes: [`Stepper::load_tendons`].
+    ///
+    /// # Errors
+    /// As [`Stepper::load_tendons`].
+    pub fn load_tendons(
+        &mut self,
+        configuration: &Configuration,
+        command: &Command,
+        deflections: &[Vec<f64>],
+    ) -> Result<(), DynamicsError> {
+        (self.stepper).load_tendons(configuration, command, deflections)
     }
 
     /// The states after each step of `rollout`, at the start of which the servos have come to the first command.
@@ -260,6 +280,9 @@ impl ContactStepper {
     /// [`DynamicsError`] of the first step that fails.
     pub fn rollout(&mut self, rollout: &Rollout) -> Result<Vec<State>, DynamicsError> {
         let timestep = self.stepper.timestep();
+        if let Some(first) = rollout.commands.first() {
+            self.load_tendons(&rollout.start.configuration, first, &[])?;
+        }
         rollout.states(
             &self.stepper.robot().clone(),
             timestep,
@@ -294,6 +317,32 @@ impl ContactStepper {
             }
         }
         Ok(energy)
+    }
+
+    /// Nothing is touched.
+    fn forget(&mut self) {
+        self.contacts.clear();
+        self.problem.touches.clear();
+        self.problem.movables.all.clear();
+    }
+
+    /// Finds the contacts of the step that was begun from `state`, and what they change the rates by.
+    fn find(
+        &mut self,
+        state: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<(), DynamicsError> {
+        self.forget();
+        let (resistance, free, rates) = (self.resistance(), &mut self.free, &mut self.rates);
+        (self.stepper).free_rates((state, command), resistance, free, rates);
+        self.change.fill(Vector3::zeros());
+        // A step that turns a joint too far is refused, whatever is touched in it.
+        if self.is_resolved(&self.free) {
+            self.touch(loads)?;
+            self.report();
+        }
+        Ok(())
     }
 
     /// What the velocities are found with. MuJoCo finds the forces with the inertias alone, and then takes the step with them.

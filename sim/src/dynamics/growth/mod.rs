@@ -18,7 +18,8 @@ use nalgebra::{Complex, Matrix3, Vector3};
 
 use super::DynamicsError;
 use super::acceleration::EquationsOfMotion;
-use super::implicit::{ImplicitMatrix, Part, Weights};
+use super::blocks::{Part, Weights};
+use super::implicit::ImplicitMatrix;
 use super::links::{Link, PointMass};
 use crate::chain::Configuration;
 use crate::energy::following::{add_product, add_transposed_product, follows};

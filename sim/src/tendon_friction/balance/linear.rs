@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use super::Balance;
 use crate::energy::{Expansion, following};
-use crate::factor::{ContactLu, DenseLu, Inflow, Side, project};
+use crate::factor::{ContactLu, DenseLu, Inflow, RubbedMatrix, Side, project};
 use crate::robot::Robot;
 
 /// Error of a solution in O(n), as a share of the right-hand side, from which on the dense factors are taken.
@@ -64,7 +64,7 @@ impl Linear {
         let Some(chain) = &mut self.chain else {
             return false;
         };
-        if !chain.factorise(expansion) {
+        if !chain.factorise(&RubbedMatrix::at_rest(expansion)) {
             return false;
         }
         for (joint, rhs) in self.rhs.iter_mut().enumerate() {

@@ -17,9 +17,9 @@ mod tests;
 mod linear;
 mod pressed;
 
-use super::line::Line;
 use super::snap::Drag;
 use super::{SlipState, TendonProfile};
+use crate::capstan::Line;
 use crate::chain::Configuration;
 use crate::energy::{DeadForces, Expansion, Potential, Pressing, following};
 use crate::robot::{Loads, Robot};

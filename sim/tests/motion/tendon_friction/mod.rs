@@ -3,6 +3,7 @@
 mod among;
 mod energy;
 mod law;
+mod moving;
 mod paths;
 mod snap;
 

@@ -1,7 +1,38 @@
-//! The capstan law with elastic sticking along one tendon, by return mapping.
+//! Friction of a tendon in the holes it goes through: the capstan law with elastic sticking, by return mapping. The law is that of
+//! [`crate::tendon_friction`].
 
-use super::line::Line;
-use super::{SlipState, TendonProfile};
+mod line;
+
+pub(crate) use line::Line;
+
+/// What a tendon does where it passes a hole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SlipState {
+    /// It sticks; the contact deflects elastically.
+    Sticks,
+    /// It slips towards the servo: the tension is higher on the servo's side.
+    SlipsToServo,
+    /// It slips towards the end where the tendon is fastened: the tension is lower on the servo's
+    /// side.
+    SlipsToEnd,
+}
+
+/// One tendon from the servo to its fastened end: a route of `n` holes has `n - 1` segments and
+/// `n - 2` interior holes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TendonProfile {
+    /// Length of each segment (m).
+    pub lengths: Vec<f64>,
+    /// Tension of each segment (N).
+    pub tensions: Vec<f64>,
+    /// Wrap angle at each interior hole, between the segments on its two sides (rad).
+    pub wrap_angles: Vec<f64>,
+    /// Elastic deflection of the contact at each interior hole (m), positive when the friction holds
+    /// the tendon back from moving towards the servo.
+    pub deflections: Vec<f64>,
+    /// How the tendon moved through each interior hole in the last substep.
+    pub slip_states: Vec<SlipState>,
+}
 
 /// The friction forces (N) that a contact can bear.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +57,7 @@ impl Cone {
 
 /// Energy that one tendon takes part in during one step (J).
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Work {
+pub(crate) struct Work {
     /// Done on the tendon at the servo.
     pub servo: f64,
     /// Turned into heat at the holes.
@@ -35,7 +66,7 @@ pub(super) struct Work {
 
 impl TendonProfile {
     /// Storage for the profile of a tendon.
-    pub(super) fn new(line: &Line) -> Self {
+    pub(crate) fn new(line: &Line) -> Self {
         let (segments, holes) = (line.lengths.len(), line.wrap_angles.len());
         Self {
             lengths: vec![0.0; segments],
@@ -47,7 +78,7 @@ impl TendonProfile {
     }
 
     /// The profile along `line` under one tension (N), no contact loaded.
-    pub(super) fn relax(&mut self, line: &Line, tension: f64) {
+    pub(crate) fn relax(&mut self, line: &Line, tension: f64) {
         self.lengths.copy_from_slice(&line.lengths);
         self.wrap_angles.copy_from_slice(&line.wrap_angles);
         self.tensions.fill(tension);
@@ -57,7 +88,7 @@ impl TendonProfile {
 
     /// The profile along `line` after the step from `before`, with the tension `servo_tension` (N)
     /// at the servo: every contact sticks if it can.
-    pub(super) fn follow(&mut self, line: &Line, before: &Self, servo_tension: f64) {
+    pub(crate) fn follow(&mut self, line: &Line, before: &Self, servo_tension: f64) {
         self.trace(line, before, servo_tension, |_, trial, cone| {
             if trial > cone.high {
                 (cone.high, SlipState::SlipsToServo)
@@ -71,7 +102,7 @@ impl TendonProfile {
 
     /// The same where every contact is taken to be as `assumed`, whether it can or not: a smooth
     /// function of the configuration. The contacts written say what is to be assumed next.
-    pub(super) fn assume(
+    pub(crate) fn assume(
         &mut self,
         line: &Line,
         before: &Self,
@@ -127,14 +158,14 @@ impl TendonProfile {
     }
 
     /// Elastic energy stored in the contacts (J).
-    pub(super) fn stored(&self, line: &Line) -> f64 {
+    pub(crate) fn stored(&self, line: &Line) -> f64 {
         let squares: f64 = self.deflections.iter().map(|z| z * z).sum();
         0.5 * line.friction.contact_stiffness * squares
     }
 
     /// The work of the step from `before`, by the trapezoidal rule: second order in the step, and
     /// never negative at a hole.
-    pub(super) fn work(&self, line: &Line, before: &Self) -> Work {
+    pub(crate) fn work(&self, line: &Line, before: &Self) -> Work {
         let change = self.lengths.iter().sum::<f64>() - before.lengths.iter().sum::<f64>();
         let mut dissipated = 0.0;
         let mut moved = 0.0;
@@ -161,7 +192,7 @@ impl TendonProfile {
     /// Derivatives of the friction force at `hole` when its contact is as `contact`: by the tension on
     /// the servo's side, by the wrap angle (N/rad), and by the length of the tendon beyond (N/m). They are those of
     /// the cone's bounds and of the return mapping (consistent tangent: Simo and Hughes, ch. 3).
-    pub(super) fn slopes(&self, line: &Line, hole: usize, contact: SlipState) -> [f64; 3] {
+    pub(crate) fn slopes(&self, line: &Line, hole: usize, contact: SlipState) -> [f64; 3] {
         let mu = line.friction.coefficient;
         let mu_theta = mu * self.wrap_angles[hole];
         let tension = self.tensions[hole].max(0.0);
@@ -182,7 +213,7 @@ impl TendonProfile {
     }
 
     /// Derivative of the friction force at `hole` by the coefficient of friction when its contact is as `contact` (N).
-    pub(super) fn slope_by_coefficient(&self, line: &Line, hole: usize, contact: SlipState) -> f64 {
+    pub(crate) fn slope_by_coefficient(&self, line: &Line, hole: usize, contact: SlipState) -> f64 {
         let theta = self.wrap_angles[hole];
         let mu_theta = line.friction.coefficient * theta;
         let pull = self.tensions[hole].max(0.0) * theta;

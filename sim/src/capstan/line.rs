@@ -16,7 +16,7 @@ struct Hole {
 
 /// One tendon laid straight from hole to hole.
 #[derive(Clone, Debug)]
-pub(super) struct Line {
+pub(crate) struct Line {
     /// Its friction; a coefficient of 0 where the tendon has none.
     pub friction: Friction,
     route: Vec<Hole>,
