@@ -157,6 +157,19 @@ fn step(criterion: &mut Criterion) {
                 stepper.step(&mut state, command, &Loads::default())
             });
         });
+        // The same with friction of the tendons in their holes.
+        let mut spec = robot.spec().clone();
+        (spec.tendon_specs_mut()).for_each(|tendon| tendon.set_friction(0.2));
+        let rough = Robot::new(spec).expect("a valid robot");
+        let mut rubbing = Stepper::new(&rough, 0.002, Integrator::SemiImplicitEuler)
+            .expect("a robot that can move");
+        let mut rubbed = State::straight(&rough);
+        group.bench_function(format!("{name} with friction of tendons"), |bencher| {
+            bencher.iter(|| {
+                let command = commands.next().expect("an endless cycle");
+                rubbing.step(&mut rubbed, command, &Loads::default())
+            });
+        });
         let rollout = Rollout {
             start: State::straight(&robot),
             commands: sweep.iter().cycle().take(GRADIENT_STEPS).cloned().collect(),

@@ -14,6 +14,7 @@ use crate::objects;
 use crate::robot::Robot;
 use crate::scene::Scene;
 use crate::steps::Steps;
+use crate::tendon_friction::{Profile, profiles};
 
 /// One robot in motion.
 #[pyclass(module = "tdcr._tdcr")]
@@ -100,6 +101,22 @@ impl MovingRobot {
         let state = state_as_it_was(self.0.robot(), &configuration, &velocity)?;
         let command = command_of(self.0.robot(), &command)?;
         Ok(self.0.resume_at(&state, &command, clock)?)
+    }
+
+    /// Each tendon along its route with the contacts in its holes; none without friction.
+    fn tendon_profiles<'py>(&self, py: Python<'py>) -> Vec<Profile<'py>> {
+        profiles(py, self.0.tendon_profiles())
+    }
+
+    /// Loads the contacts in the holes with deflections (m), a list for each tendon.
+    fn load_tendons(&mut self, deflections: Vec<Vec<f64>>) -> Outcome<()> {
+        Ok(self.0.load_tendons(&deflections)?)
+    }
+
+    /// Energy turned into heat in the holes since the start (J).
+    #[getter]
+    fn dissipated(&self) -> f64 {
+        self.0.dissipated()
     }
 
     /// Time steps since the start; none before the first.

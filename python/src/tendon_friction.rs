@@ -2,7 +2,7 @@
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
-use tdcr::sim::tendon_friction::{ContactPath, FrictionState, SlipState};
+use tdcr::sim::tendon_friction::{ContactPath, FrictionState, SlipState, TendonProfile};
 
 use crate::arrays::contiguous;
 use crate::contact::{ContactRows, Touched, arrays as contact_rows};
@@ -13,7 +13,7 @@ use crate::scene::Scene;
 use crate::statics::{EquilibriumRows, Numbers};
 
 /// A tendon from the servo to its fastened end: lengths (m), tensions (N), wrap angles (rad), deflections (m), slip states.
-type Profile<'py> = (
+pub type Profile<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,
@@ -121,8 +121,22 @@ fn state<'py>(
     let tendons = equilibrium.tendon_tensions.len();
     let mut numbers = Numbers::new(1, equilibrium.positions.len(), tendons);
     numbers.rows()[0].write(equilibrium);
+    let account = (
+        state.dissipated,
+        state.stored,
+        state.snapped,
+        state.servo_work,
+        state.snaps,
+        state.substeps,
+    );
+    let tendons = profiles(py, &state.tendons);
+    Ok((numbers.into_arrays(py)?, tendons, account))
+}
+
+/// Each tendon along its route.
+pub fn profiles<'py>(py: Python<'py>, tendons: &[TendonProfile]) -> Vec<Profile<'py>> {
     let vector = |values: &[f64]| PyArray1::from_slice(py, values);
-    let profiles = state.tendons.iter().map(|tendon| {
+    let profiles = tendons.iter().map(|tendon| {
         let slip = tendon.slip_states.iter().map(|slip| match slip {
             SlipState::Sticks => "sticks",
             SlipState::SlipsToServo => "to servo",
@@ -136,13 +150,5 @@ fn state<'py>(
             slip.collect(),
         )
     });
-    let account = (
-        state.dissipated,
-        state.stored,
-        state.snapped,
-        state.servo_work,
-        state.snaps,
-        state.substeps,
-    );
-    Ok((numbers.into_arrays(py)?, profiles.collect(), account))
+    profiles.collect()
 }

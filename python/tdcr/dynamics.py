@@ -1,8 +1,8 @@
 """Motion in time: robots moved through sequences of commands.
 
 A state is a configuration, the rotation (w, x, y, z) of each disc relative to the body below, and a velocity, the angular
-velocity of each joint in its disc's own frame, or the rates of its hinges in order, then 0 (rad/s). Tendons have no friction in
-motion.
+velocity of each joint in its disc's own frame, or the rates of its hinges in order, then 0 (rad/s). Friction of tendons in
+their holes, where the robot's file has it, acts in steps of first order, and has no derivatives.
 """
 
 from __future__ import annotations

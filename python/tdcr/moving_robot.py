@@ -12,6 +12,7 @@ from tdcr.loads import Loads, one_load
 from tdcr.objects import Objects, object_states
 from tdcr.robot import RobotLike, as_robot
 from tdcr.scene import Scene, as_scene
+from tdcr.tendon_friction import TendonProfile, tendon_profiles
 
 
 class MovingRobot:
@@ -19,6 +20,9 @@ class MovingRobot:
     for rapier's tolerance: the impulses from which its search begins are not kept.
 
     What is read of it are copies: they stay as they are when the robot moves on.
+
+    Friction of tendons in their holes, if the robot's file has it, acts in motion by the law of :class:`tdcr.FrictionPath`, whose
+    states slow motions come to.
 
     Args:
         robot: The robot, of ``n`` discs and ``t`` tendons, or what :class:`tdcr.Robot` makes one of.
@@ -130,6 +134,17 @@ class MovingRobot:
         return self._native.acting
 
     @property
+    def tendons(self) -> tuple[TendonProfile, ...]:
+        """Each tendon along its route after the last time step, with what friction does in its holes; none of a robot whose file
+        has no friction. From a start on no contact in a hole is loaded."""
+        return tendon_profiles(self._native.tendon_profiles())
+
+    @property
+    def dissipated(self) -> float:
+        """Energy that friction has turned into heat in the tendons' holes since the start (J), or since the robot was copied."""
+        return self._native.dissipated
+
+    @property
     def contacts(self) -> Contacts | None:
         """What the robot touched in the last time step, in a scene; None without one. Forces are means over the time step and act
         at its begin; gaps are those at its end. After a reset, what it touches at rest."""
@@ -157,6 +172,7 @@ class MovingRobot:
             "arguments": (self.robot, self.dt, self.integrator, self.frame_skip, self.scene),
             "state": (self.configuration, self.velocity, self.acting),
             "clock": self._native.clock,
+            "deflections": [tendon.deflections.tolist() for tendon in self.tendons],
             "objects": self.objects,
         }
 
@@ -164,5 +180,7 @@ class MovingRobot:
         self.__init__(*saved["arguments"])  # type: ignore[misc]
         configuration, velocity, command = saved["state"]
         self._native.resume_at(configuration, velocity, self._take(command), saved["clock"])
+        if deflections := saved.get("deflections"):
+            self._native.load_tendons(deflections)
         if (objects := saved.get("objects")) is not None and len(objects):
             self.place_objects(objects)

@@ -36,6 +36,11 @@ class TendonProfile(Result):
     slip: tuple[str, ...]
 
 
+def tendon_profiles(tendons: Sequence[_tdcr._Profile]) -> tuple[TendonProfile, ...]:
+    """Profiles of numbers from the native module."""
+    return tuple(TendonProfile(*tendon[:4], tuple(tendon[4])) for tendon in tendons)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionState(Result):
     """Where a path has come to.
@@ -107,11 +112,11 @@ class FrictionPath:
     def _state(
         self,
         equilibrium: _tdcr.EquilibriumRows,
-        tendons: Sequence[tuple[Floats, Floats, Floats, Floats, list[str]]],
+        tendons: Sequence[_tdcr._Profile],
         account: tuple[float, float, float, float, int, int],
         touched: _tdcr.ContactRows | None,
     ) -> FrictionState:
-        profiles = tuple(TendonProfile(*tendon[:4], tuple(tendon[4])) for tendon in tendons)
+        profiles = tendon_profiles(tendons)
         found = Equilibria._of(equilibrium)[0]
         if self.scene is not None and touched is not None:
             found = replace(found, contacts=Contacts._of_one(touched, self.scene))

@@ -167,8 +167,6 @@ def track(
     numbers = {name: _not_negative(value, name) for name, value in differs.items()}
     seen = as_text(noise, "noise") if isinstance(noise, str) else repr(numbers["noise"])
     step = None if timestep is None else _positive(timestep, "timestep")
-    if step is not None and numbers["friction"] > 0.0:
-        raise InputError("friction is given beside timestep: tendons with friction cannot be simulated in motion")
     if isinstance(plant, Rig):
         given = {"truth": truth, "truth_scene": truth_scene, "timestep": step, "start": start}
         _simulated_only(numbers, {"payload"}, seen, given)

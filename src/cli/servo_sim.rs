@@ -47,7 +47,7 @@ pub(super) struct ServoSimArgs {
     /// How the robot follows its tendons
     #[arg(long, value_enum, default_value_t = Motion::AtRest)]
     physics: Motion,
-    /// Coefficient of friction in the holes, with --physics friction [default: 0.1]
+    /// Coefficient of friction in the holes: with --physics friction [default: 0.1], or dynamic [default: that of the robot file]
     #[arg(long, value_name = "MU", value_parser = within(FRICTIONS))]
     friction: Option<f64>,
     /// Latency timer of the simulated USB adapter (ms); 0 for none
@@ -124,9 +124,14 @@ pub(super) fn run(args: &ServoSimArgs, console: &Console) -> anyhow::Result<()> 
         (Motion::Friction, friction) => Physics::WithFriction {
             coefficient: friction.unwrap_or(FRICTION),
         },
-        (_, Some(_)) => anyhow::bail!("--friction acts with --physics friction alone"),
+        (Motion::AtRest, Some(_)) => {
+            bail!("--friction acts with --physics friction and --physics dynamic alone")
+        }
         (Motion::AtRest, None) => Physics::AtRest,
-        (Motion::Dynamic, None) => Physics::InMotion { timestep: TIMESTEP },
+        (Motion::Dynamic, friction) => Physics::InMotion {
+            timestep: TIMESTEP,
+            friction,
+        },
     };
     for servo in &mut setup.servos {
         servo.model = args.model.into();

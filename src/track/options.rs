@@ -161,7 +161,7 @@ pub struct TruthOptions {
     #[arg(long, default_value_t = 0.0, value_name = "KG", value_parser = not_negative)]
     pub payload: f64,
     /// Coefficient of friction of the tendons in their holes
-    #[arg(long, default_value_t = 0.0, value_name = "MU", value_parser = not_negative, conflicts_with = "timestep")]
+    #[arg(long, default_value_t = 0.0, value_name = "MU", value_parser = not_negative)]
     pub friction: f64,
     /// Play between each servo and its tendon, its whole width (m, or N for a tension drive)
     #[arg(long, default_value_t = 0.0, value_name = "M", value_parser = not_negative)]
@@ -214,7 +214,10 @@ impl TruthOptions {
         truth.loads = Loads::payload(self.payload)?;
         truth.scene = scene;
         truth.physics = match (self.timestep, self.friction > 0.0) {
-            (Some(timestep), _) => Physics::InMotion { timestep },
+            (Some(timestep), rubs) => Physics::InMotion {
+                timestep,
+                friction: rubs.then_some(self.friction),
+            },
             (None, true) => Physics::WithFriction {
                 coefficient: self.friction,
             },

@@ -78,7 +78,7 @@ impl Body {
                 path.start(command, loads)?;
                 Self::WithFriction { path, coefficient }
             }
-            Physics::InMotion { timestep } => Self::InMotion(Box::new(Motion::new(
+            Physics::InMotion { timestep, .. } => Self::InMotion(Box::new(Motion::new(
                 robot,
                 scene,
                 timestep,
@@ -109,6 +109,7 @@ impl Body {
             },
             Self::InMotion(motion) => Physics::InMotion {
                 timestep: motion.moving.stepper().timestep(),
+                friction: None,
             },
         }
     }

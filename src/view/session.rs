@@ -300,7 +300,10 @@ impl Session {
                 let physics = match physics {
                     PhysicsName::AtRest => Physics::AtRest,
                     PhysicsName::WithFriction => Physics::WithFriction { coefficient },
-                    PhysicsName::InMotion => Physics::InMotion { timestep: TIMESTEP },
+                    PhysicsName::InMotion => Physics::InMotion {
+                        timestep: TIMESTEP,
+                        friction: None,
+                    },
                 };
                 self.obey(physics)?;
             }

@@ -91,7 +91,7 @@ fn wrong_numbers_and_sizes_are_named() {
     refuse(
         &["servo-sim", "--friction", "0.3"],
         1,
-        "--friction acts with --physics friction alone",
+        "--friction acts with --physics friction and --physics dynamic alone",
     );
     refuse(
         &["settle", "--command", COMMAND, "--threads", "0"],

@@ -285,11 +285,6 @@ fn what_is_wrong_is_said() {
         "--truth has 9 tendons, and --robot 6",
     );
     refuse(
-        &with(&["--friction", "0.2", "--timestep", "0.01"]),
-        2,
-        "cannot be used with",
-    );
-    refuse(
         &with(&["--friction", "3"]),
         1,
         "the coefficient of friction is 3; expected 0 to 2",

@@ -1,6 +1,7 @@
 """Motion against MuJoCo: the same commands lead the same way, and steps have the same derivatives."""
 
 import json
+import pathlib
 
 import mujoco
 import numpy as np
@@ -93,3 +94,65 @@ def test_the_linearisation_is_mujocos_finite_difference(robot, simulate, rng, tm
     assert np.abs(a - np.eye(2 * m.nv)).max() > 0.01 and np.abs(b).max() > 0.1
     np.testing.assert_allclose(ours["a"], a, rtol=0, atol=1e-8)
     np.testing.assert_allclose(ours["b"], b, rtol=0, atol=1e-8)
+
+
+def rubbing_by_mujoco(m, commands, coefficient, stiffness):
+    """The motion with MuJoCo's inertias and the capstan law at each hole, written here anew, explicit; and the heat (J)."""
+    d = mujoco.MjData(m)
+    wraps = [m.wrap_objid[a : a + n] for a, n in zip(m.tendon_adr, m.tendon_num, strict=True)]
+    gain = m.actuator_gainprm[:, 0].copy()
+    m.actuator_gainprm[:], m.actuator_biasprm[:] = 0.0, 0.0
+    deflections, before = [np.zeros(len(sites) - 2) for sites in wraps], [None] * len(wraps)
+    heat, path = 0.0, []
+    jacobians = np.zeros((m.nsite, 3, m.nv))
+    for command in commands:
+        mujoco.mj_forward(m, d)
+        for site in {site for sites in wraps for site in sites}:
+            mujoco.mj_jacSite(m, d, jacobians[site], None, site)
+        d.qfrc_applied[:] = 0.0
+        for t, sites in enumerate(wraps):
+            spans = np.diff(d.site_xpos[sites], axis=0)
+            lengths = np.linalg.norm(spans, axis=1)
+            ways = spans / lengths[:, None]
+            slopes = np.einsum("ki,kij->kj", ways, np.diff(jacobians[sites], axis=0))
+            tensions = [gain[t] * (lengths.sum() - command[t])]
+            shortened = np.zeros(len(lengths)) if before[t] is None else before[t] - lengths
+            before[t] = lengths
+            for hole in range(len(sites) - 2):
+                moved = shortened[hole + 1 :].sum()
+                angle = np.arccos(np.clip(ways[hole] @ ways[hole + 1], -1.0, 1.0))
+                pull = max(tensions[-1], 0.0)
+                trial = stiffness * (deflections[t][hole] + moved)
+                force = np.clip(trial, pull * (1.0 - np.exp(coefficient * angle)), pull * (1.0 - np.exp(-coefficient * angle)))
+                heat += force * (trial - force) / stiffness
+                deflections[t][hole] = force / stiffness
+                tensions.append(tensions[-1] - force)
+            d.qfrc_applied -= np.array(tensions) @ slopes
+        mujoco.mj_step(m, d)
+        mujoco.mj_kinematics(m, d)
+        path.append(d.xpos.copy())
+    return np.array(path), heat
+
+
+def test_friction_of_tendons_is_the_law_in_mujocos_motion(simulate, tmp_path):
+    """MuJoCo has no such friction: forces of the law lead its motion, explicit there and implicit here, both of first order."""
+    coefficient, stiffness = 0.25, 1e4
+    standard = (pathlib.Path(__file__).parents[2] / "sim/robots/2m.toml").read_text()
+    friction = f"friction = {{ coefficient = {coefficient}, contact_stiffness = {stiffness} }}"
+    rough = tmp_path / "rough.toml"
+    rough.write_text(standard.replace("range = [0.0, 0.04]", f"range = [0.0, 0.04], {friction}"))
+    off = []
+    for dt in (2e-4, 1e-4):
+        commands = np.full((round(0.5 / dt), 6), 0.02)
+        commands[:, 0], commands[:, 4] = 0.001, 0.01
+        m = model("2m")
+        m.opt.timestep = dt
+        _, smooth = roll(m, commands)
+        path, heat = rubbing_by_mujoco(m, commands, coefficient, stiffness)
+        _, ours = simulate(rough, commands, "--dt", dt)
+        # The friction matters.
+        assert np.abs(path - smooth).max() > 3e-3
+        assert heat > 1e-3
+        off.append(np.abs(ours - path[:, 2:]).max())
+    assert off[1] < 2e-5, off
+    assert 1.7 < off[0] / off[1] < 2.3, off

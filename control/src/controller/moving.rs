@@ -105,6 +105,15 @@ impl Controller for MovingPredictive {
     }
 }
 
+/// The robot without friction of its tendons, which steps that are linearised do not have.
+fn smooth(robot: &Robot) -> Robot {
+    let mut spec = robot.spec().clone();
+    for tendon in spec.tendon_specs_mut() {
+        tendon.friction = None;
+    }
+    Robot::new(spec).expect("a robot is valid without friction")
+}
+
 /// The robot in motion, as the controller believes it: once for every delay that it may have.
 #[derive(Clone, Debug)]
 struct Model {
@@ -129,7 +138,7 @@ impl Model {
     /// At rest under the command that acts.
     fn at_rest(moment: &mut Moment<'_>, timestep: f64) -> Result<Self, ControlError> {
         let given: &mut Belief = moment.given;
-        let (robot, loads) = (given.robot().clone(), given.loads().clone());
+        let (robot, loads) = (smooth(given.robot()), given.loads().clone());
         let steps = (moment.period / timestep).ceil().max(1.0);
         let step = moment.period / steps;
         let state = State {

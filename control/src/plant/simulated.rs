@@ -287,7 +287,7 @@ fn behind_servos(truth: &Truth) -> Result<Robot, TruthError> {
     let mut spec = truth.robot.clone();
     for tendon in spec.tendon_specs_mut() {
         tendon.range = [0.0, reach(tendon.drive.unit())];
-        if let Physics::WithFriction { coefficient } = truth.physics {
+        if let Some(coefficient) = truth.physics.friction() {
             tendon.set_friction(coefficient);
         }
     }
@@ -305,7 +305,7 @@ fn simulation(
         Physics::AtRest if is_free => Box::new(Settler::new(robot)),
         Physics::AtRest => Box::new(ContactSettler::new(robot, &truth.scene)),
         Physics::WithFriction { .. } => Box::new(ContactPath::new(robot, &truth.scene)),
-        Physics::InMotion { timestep } => {
+        Physics::InMotion { timestep, .. } => {
             // A whole number of time steps in a period, none longer than asked for.
             let steps = (period / timestep).ceil().max(1.0);
             if !(timestep > 0.0 && steps <= MOST_STEPS) {

@@ -177,7 +177,10 @@ fn any_truth(rng: &mut ChaCha8Rng, robot: &Robot) -> Truth {
         0 | 1 => Physics::WithFriction {
             coefficient: rng.random_range(0.0..0.5),
         },
-        2 => Physics::InMotion { timestep: 0.01 },
+        2 => Physics::InMotion {
+            timestep: 0.01,
+            friction: None,
+        },
         _ => Physics::AtRest,
     };
     for servo in &mut truth.servos {

@@ -27,7 +27,10 @@ fn stepped(
     let [from, to] = [circle.at(0.0), circle.at(0.5)];
     let path = TipPath::table(&[(0.0, to), (2.0, to)]).unwrap();
     let mut truth = Truth::ideal(robot);
-    truth.physics = Physics::InMotion { timestep: 0.002 };
+    truth.physics = Physics::InMotion {
+        timestep: 0.002,
+        friction: None,
+    };
     change(&mut truth);
     let mut plant = SimulatedPlant::new(&truth, PERIOD, &start, 0).unwrap();
     let settings = TrackingSettings {

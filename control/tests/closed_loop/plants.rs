@@ -111,7 +111,12 @@ fn noise_is_that_of_its_seed_and_as_large_as_asked() {
 #[test]
 fn a_robot_in_motion_comes_to_rest_where_it_settles() {
     let robot = hanging();
-    let moving = |truth: &mut Truth| truth.physics = Physics::InMotion { timestep: 0.005 };
+    let moving = |truth: &mut Truth| {
+        truth.physics = Physics::InMotion {
+            timestep: 0.005,
+            friction: None,
+        }
+    };
     let mut moving = plant(&robot, moving);
     let mut resting = plant(&robot, |_| {});
     let pulls = [0.004; 2000];
@@ -125,6 +130,36 @@ fn a_robot_in_motion_comes_to_rest_where_it_settles() {
         "{} after {}",
         off(&moved[1999]),
         off(&moved[0])
+    );
+}
+
+#[test]
+fn a_robot_in_motion_with_friction_comes_to_rest_where_a_path_leads_it() {
+    let robot = hanging();
+    let tip_after = |physics: Physics, periods: usize| {
+        let mut plant = plant(&robot, |truth| truth.physics = physics);
+        // There and half the way back, slowly.
+        let parts = (0..periods).map(|k| k as f64 / periods as f64);
+        let pulls = parts.map(|part| 0.012 * f64::min(part, 0.75 - 0.5 * part) / 0.5);
+        let rest = std::iter::repeat_n(0.006, 200);
+        let pulls: Vec<f64> = pulls.chain(rest).collect();
+        let seen = commanded(&mut plant, &robot, &pulls);
+        seen.last().unwrap().origin_of(9).unwrap()
+    };
+    let in_motion = |friction: Option<f64>| Physics::InMotion {
+        timestep: 0.005,
+        friction,
+    };
+    let coefficient = 0.3;
+    let led = tip_after(Physics::WithFriction { coefficient }, 2000);
+    let moved = tip_after(in_motion(Some(coefficient)), 2000);
+    let smooth = tip_after(in_motion(None), 2000);
+    assert!((smooth - led).norm() > 1e-3, "{}", (smooth - led).norm());
+    assert!(
+        (moved - led).norm() < 0.1 * (smooth - led).norm(),
+        "{} of {}",
+        (moved - led).norm(),
+        (smooth - led).norm()
     );
 }
 

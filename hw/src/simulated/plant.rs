@@ -141,7 +141,7 @@ impl Plant {
         let (mut simulation, motion): (Box<dyn Simulation>, _) = match setup.physics {
             Physics::AtRest => (Box::new(ContactSettler::new(&robot, scene)), None),
             Physics::WithFriction { .. } => (Box::new(ContactPath::new(&robot, scene)), None),
-            Physics::InMotion { timestep } => {
+            Physics::InMotion { timestep, .. } => {
                 let stepper = Stepper::new(&robot, timestep, Integrator::ImplicitEuler)?;
                 let stepper = ContactStepper::new(stepper, scene, ContactLaw::default())?;
                 let moving = MovingRobot::among(stepper, 1);
@@ -296,7 +296,7 @@ fn driven_by_spools(setup: &PlantSetup) -> Result<Robot, PlantError> {
     if let Some(stiffness) = setup.stiffness {
         within("tendons' stiffness (N/m)", stiffness, STIFFNESSES)?;
     }
-    if let Physics::WithFriction { coefficient } = setup.physics {
+    if let Some(coefficient) = setup.physics.friction() {
         within("coefficient of friction", coefficient, FRICTIONS)?;
     }
     let mut spec = setup.robot.clone();
@@ -310,7 +310,7 @@ fn driven_by_spools(setup: &PlantSetup) -> Result<Robot, PlantError> {
         tendon.servo = None;
         tendon.range = REACH;
         tendon.pull = Pull::TensionOnly;
-        if let Physics::WithFriction { coefficient } = setup.physics {
+        if let Some(coefficient) = setup.physics.friction() {
             tendon.set_friction(coefficient);
         }
     }
@@ -366,7 +366,10 @@ mod tests {
             broken in prop::option::of((0usize..6, prop_oneof![Just(TendonFault::Snapped), Just(TendonFault::Jammed)])),
         ) {
             let physics = match motion {
-                true => Physics::InMotion { timestep: 0.005 },
+                true => Physics::InMotion {
+                    timestep: 0.005,
+                    friction: None,
+                },
                 false => Physics::AtRest,
             };
             let mut plant = plant("2m", physics, 0.01);

@@ -261,6 +261,18 @@ impl Row {
                 out.extend(flat_quaternions(&moving.state().configuration.0));
                 out.extend(&moving.state().velocity);
                 out.extend(moving.acting().as_slice());
+                let tendons = moving.tendon_profiles().iter();
+                let deflections: Vec<f64> = tendons
+                    .flat_map(|tendon| tendon.deflections.iter().copied())
+                    .collect();
+                // Robots whose coefficients all came to 0 have as many numbers.
+                let holes = rubbed_holes(&self.robot).iter().sum();
+                out.extend(
+                    deflections
+                        .iter()
+                        .chain(std::iter::repeat(&0.0))
+                        .take(holes),
+                );
             }
         }
         out
@@ -311,8 +323,23 @@ impl Row {
                 // Servos that follow late are not where the command is.
                 let acting = self.robot.command(tape.take(t))?;
                 moving.resume_at(&state, &acting, (taken >= 0.0).then_some(taken as u64))?;
+                let holes = rubbed_holes(&self.robot);
+                let deflections = holes.iter().map(|&count| tape.take(count).to_vec());
+                moving.load_tendons(&deflections.collect::<Vec<_>>())?;
             }
         }
         Ok(())
+    }
+}
+
+/// Interior holes of each tendon of a robot whose file has friction; none of another.
+fn rubbed_holes(robot: &Robot) -> Vec<usize> {
+    let tendons = robot.tendons();
+    match tendons.iter().any(|tendon| tendon.friction.is_some()) {
+        true => tendons
+            .iter()
+            .map(|tendon| tendon.route.len() - 2)
+            .collect(),
+        false => Vec::new(),
     }
 }

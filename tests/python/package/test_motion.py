@@ -361,3 +361,54 @@ def test_servos_follow_late_hold_lengths_and_keep_on_when_pickled(tmp_path: Path
         package.MovingRobot(robot, integrator="runge-kutta4")
     with pytest.raises(DynamicsError, match="follows its commands late"):
         package.linearise(late, package.State.straight(package.Robot(late)), package.Robot(late).mean_command)
+
+
+def rough(robot: str = "2m", coefficient: float = 0.2) -> package.Robot:
+    """The robot with friction of its tendons."""
+    changed = package.Robot(robot).to_dict()
+    for module in changed["modules"]:
+        module["tendons"]["friction"] = {"coefficient": coefficient}
+    return package.Robot(changed)
+
+
+@pytest.mark.parametrize("integrator", ["semi-implicit-euler", "implicit-euler"])
+def test_tendons_rub_in_motion_and_copies_keep_what_their_contacts_bear(integrator: Any) -> None:
+    moving, smooth = package.MovingRobot(rough(), integrator=integrator), package.MovingRobot("2m", integrator=integrator)
+    command = np.array([0.002, 0.02, 0.02, 0.02, 0.01, 0.02])
+    for one in (moving, smooth):
+        one.reset([0.02] * 6)
+        one.step(command, frame_skip=300)
+    assert smooth.tendons == () and smooth.dissipated == 0.0
+    assert np.linalg.norm(moving.tip - smooth.tip) > 1e-3 and moving.dissipated > 0.0
+    for tendon in moving.tendons:
+        # Within the capstan cone of each hole.
+        before, after = tendon.tensions[:-1], tendon.tensions[1:]
+        pulling = before > 0.0
+        ratio = np.log(after[pulling] / before[pulling])
+        assert np.all(np.abs(ratio) <= 0.2 * tendon.wrap_angles[pulling] + 1e-12)
+    assert {slip for tendon in moving.tendons for slip in tendon.slip} > {"sticks"}
+    copies = [copy.deepcopy(moving), pickle.loads(pickle.dumps(moving))]
+    for one in (moving, *copies):
+        one.step([0.02] * 6, frame_skip=100)
+    for one in copies:
+        assert np.array_equal(one.positions, moving.positions) and np.array_equal(one.velocity, moving.velocity)
+    # From a state alone nothing is loaded.
+    other = package.MovingRobot(rough(), integrator=integrator)
+    other.start_at(moving.state, [0.02] * 6)
+    assert all(not tendon.deflections.any() for tendon in other.tendons) and other.dissipated == 0.0
+
+
+def test_motions_with_friction_are_rolled_out_and_have_no_derivatives() -> None:
+    robot = rough()
+    commands = np.linspace(robot.mean_command, [0.0, 0.02, 0.02, 0.02, 0.01, 0.02], 50)
+    motion = package.simulate(robot, commands)
+    moving = package.MovingRobot(robot)
+    moving.start_at(package.State.straight(robot), commands[0])
+    for command in commands:
+        moving.step(command)
+    assert np.array_equal(motion.positions[-1], moving.positions)
+    state = package.State.straight(robot)
+    with pytest.raises(DynamicsError, match="friction of tendons in their holes have no derivatives"):
+        package.linearise(robot, state, robot.mean_command)
+    with pytest.raises(DynamicsError, match="tendon 1 has friction in its holes, which only steps by"):
+        package.simulate(robot, commands, integrator="runge-kutta4")

@@ -258,7 +258,10 @@ fn the_watchdog_stops_a_servo_that_hears_nothing() {
 fn robots_in_motion_and_with_friction_follow_too() {
     for physics in [
         Physics::WithFriction { coefficient: 0.1 },
-        Physics::InMotion { timestep: 0.004 },
+        Physics::InMotion {
+            timestep: 0.004,
+            friction: None,
+        },
     ] {
         let mut setup = setup("2m");
         setup.plant.physics = physics;
