@@ -247,6 +247,20 @@ impl Robot {
         parameters_of(&self.0, &names).map(drop)
     }
 
+    /// This robot with its base elsewhere: position (m) and quaternion (w, x, y, z), not all 0.
+    fn with_base(&self, position: [f64; 3], quaternion: [f64; 4]) -> Outcome<Self> {
+        let mut spec = self.0.spec().clone();
+        (spec.base.position, spec.base.orientation) = (position, quaternion);
+        spec.validate()?;
+        Self::new(spec)
+    }
+
+    /// Position (m) and quaternion (w, x, y, z) of the base, as the robot file has them.
+    fn base(&self) -> ([f64; 3], [f64; 4]) {
+        let base = &self.0.spec().base;
+        (base.position, base.orientation)
+    }
+
     /// This robot with other values of some parameters.
     fn with_values(&self, names: Vec<String>, values: Vec<f64>) -> Outcome<Self> {
         let names = parameters(&names)?;

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tdcr._arrays import Floats, as_float, as_quaternions
 from tdcr.errors import InputError, NotSettledError
-from tdcr.robot import Robot
+from tdcr.robot import Robot, robots_at
 from tdcr.scene import Scene, as_scene, nothing
-from tdcr.scene_gradient import obstacle_jacobian, scene_vjp
+from tdcr.scene_gradient import base_jacobian, obstacle_jacobian, scene_vjp
 from tdcr.sensitivity import OnFailure, command_names, jvp, vjp
 from tdcr.statics import settle_batch
 
@@ -55,6 +55,12 @@ def own_poses(scene: str, asked: bool) -> tuple[Floats, Floats]:
     )
 
 
+def own_base(robot: str) -> tuple[Floats, Floats]:
+    """Position, shape (3,) (m), and quaternion (w, x, y, z), shape (4,), of the robot's own base, from the robot as JSON."""
+    position, quaternion = robot_of(robot)._native.base()
+    return np.array(position), np.array(quaternion)
+
+
 def check_parameters(parameters: Sequence[str], values: Any) -> tuple[str, ...]:
     """Names of the parameters that ``values`` has on its last axis."""
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
@@ -83,35 +89,34 @@ class Problem:
     payload: Floats
     wrench: Floats
     poses: Floats
+    base: Floats
     scene: Scene | None
 
     @classmethod
-    def of(
-        cls, text: str, scene: str, names: Sequence[str], command: Any, payload: Any, wrench: Any, values: Any, poses: Any
-    ) -> Problem:
+    def of(cls, text: str, scene: str, names: Sequence[str], *arguments: Any) -> Problem:
         """Reads a problem.
 
         Args:
             text: The robot as JSON.
             scene: The scene as JSON, or an empty text.
             names: Names of ``p`` parameters.
-            command: Shape (..., tendons) (m or N).
-            payload: Shape (...) (kg).
-            wrench: Shape (..., n, 6), world frame (N, N m).
-            values: Values of the parameters, shape (..., p), or (p,) for all rows.
-            poses: Position (m) and quaternion (w, x, y, z) of each obstacle, shape (..., m, 7); of none, shape (..., 0, 7), where
-                they are those of the scene.
+            arguments: Commands, shape (..., tendons) (m or N); payloads, shape (...) (kg); wrenches, shape (..., n, 6), world
+                frame (N, N m); values of the parameters, shape (..., p), or (p,) for all rows; position (m) and quaternion
+                (w, x, y, z) of each obstacle, shape (..., m, 7), of none, shape (..., 0, 7), where they are those of the scene;
+                and those of the base, shape (..., 1, 7), or (..., 0, 7) where they are the robot's own.
         """
-        robot, command = robot_of(text), np.asarray(command)
-        leading = command.shape[:-1]
+        command, payload, wrench, values, poses, base = (np.asarray(argument) for argument in arguments)
+        robot, leading = robot_of(text), command.shape[:-1]
+        bases = rows_of_poses(base, "base_quaternion", leading)
         return cls(
-            robots_of(robot, names, values, leading),
+            robots_based(robots_of(robot, names, values, leading), bases),
             tuple(names),
             leading,
             as_rows(command, "command", leading, (robot.tendons,)),
             as_rows(payload, "payload", leading, ()),
             as_rows(wrench, "wrench", leading, (robot.discs, 6)),
-            rows_of_poses(poses, leading),
+            rows_of_poses(poses, "obstacle_quaternions", leading),
+            bases,
             scene_of(scene),
         )
 
@@ -137,8 +142,8 @@ class Problem:
         """Derivatives of a cost by the arguments that are wanted, from those by positions and quaternions.
 
         Returns:
-            By command (..., tendons), payload (...), wrench (..., n, 6), values (..., p) and poses (..., m, 7); zeros where not
-            wanted. Rows that have not settled have derivatives that are not numbers, unless the cost does not depend on them.
+            By all arguments of :meth:`of`, in their order and shapes; zeros where not wanted. Rows that have not settled have
+            derivatives that are not numbers, unless the cost does not depend on them.
         """
         rows, discs = self.wrench.shape[:2]
         tendons = self.commands.shape[1]
@@ -163,8 +168,8 @@ class Problem:
         ends = np.cumsum([len(names) for names in chosen])[:-1]
         shapes = [(tendons,), (), (discs, 6), (len(self.names),)]
         parts = zip(np.split(gradient, ends, axis=1), chosen, shapes, strict=True)
-        by_poses = np.zeros(self.poses.shape)
-        if counts.any() and wanted[4] and self.poses.size:
+        by_poses, by_base = np.zeros(self.poses.shape), np.zeros(self.base.shape)
+        if counts.any() and ((wanted[4] and self.poses.size) or (wanted[5] and self.base.size)):
             by_motions = scene_vjp(
                 chosen_robots(self.robots, counts),
                 self.commands[counts],
@@ -175,13 +180,17 @@ class Problem:
                 wrench=self.wrench[counts],
                 on_failure="nan",
             )
-            by_poses[counts] = poses_cotangent(self.poses[counts], by_motions.obstacles)
+            if self.poses.size:
+                by_poses[counts] = poses_cotangent(self.poses[counts], by_motions.obstacles)
+            if self.base.size:
+                by_base[counts] = poses_cotangent(self.base[counts], by_motions.base[:, None])
         return [
             *(
                 part.reshape((*self.leading, *shape)) if names else np.zeros((*self.leading, *shape))
                 for part, names, shape in parts
             ),
             by_poses.reshape((*self.leading, *self.poses.shape[1:])),
+            by_base.reshape((*self.leading, *self.base.shape[1:])),
         ]
 
     def tangent(self, rates: Sequence[Any]) -> tuple[Floats, Floats]:
@@ -190,7 +199,7 @@ class Problem:
         Rows that have not settled have changes that are not numbers, unless nothing of them changes.
         """
         rows, discs = self.wrench.shape[:2]
-        *rates, of_poses = rates
+        *rates, of_poses, of_base = rates
         flat = [np.asarray(rate, dtype=np.float64).reshape(rows, -1) if rows else np.zeros((0, 1)) for rate in rates]
         wanted = [bool(rate.any()) for rate in flat]
         positions, quaternions = np.zeros((rows, discs, 3)), np.zeros((rows, discs, 4))
@@ -209,21 +218,27 @@ class Problem:
                 on_failure="nan",
             )
         of_poses = np.asarray(of_poses, dtype=np.float64).reshape(self.poses.shape)
-        moving: NDArray[np.bool_] = np.asarray(of_poses.any(axis=(1, 2)))
+        of_base = np.asarray(of_base, dtype=np.float64).reshape(self.base.shape)
+        moving: NDArray[np.bool_] = np.asarray(of_poses.any(axis=(1, 2)) | of_base.any(axis=(1, 2)))
         if moving.any():
-            by_positions, by_quaternions = self._moved(moving, motions_of(self.poses[moving], of_poses[moving]))
+            motions = motions_of(self.poses[moving], of_poses[moving]), motions_of(self.base[moving], of_base[moving])
+            by_positions, by_quaternions = self._moved(moving, *motions)
             positions[moving] += by_positions
             quaternions[moving] += by_quaternions
         return positions.reshape(*self.leading, discs, 3), quaternions.reshape(*self.leading, discs, 4)
 
-    def _moved(self, chosen: NDArray[np.bool_], motions: Floats) -> tuple[Floats, Floats]:
-        """Change of positions and quaternions of some rows when their obstacles move, shape (rows, m, 6)."""
+    def _moved(self, chosen: NDArray[np.bool_], obstacles: Floats, bases: Floats) -> tuple[Floats, Floats]:
+        """Change of positions and quaternions of some rows when their obstacles move, shape (rows, m, 6), and their bases, shape
+        (rows, 1, 6), or (rows, 0, 6) where these stay."""
         robots, scene, given = chosen_robots(self.robots, chosen), self._among(chosen), self.payload[chosen]
         commands, wrench = self.commands[chosen], self.wrench[chosen]
         change = np.zeros((len(commands), wrench.shape[1], 6))
-        for obstacle in range(motions.shape[1]):
+        for obstacle in range(obstacles.shape[1]):
             jacobian = obstacle_jacobian(robots, commands, obstacle, given, scene=scene, wrench=wrench, on_failure="nan")
-            change += np.einsum("rnij,rj->rni", jacobian[..., :6], motions[:, obstacle])
+            change += np.einsum("rnij,rj->rni", jacobian[..., :6], obstacles[:, obstacle])
+        if bases.any():
+            jacobian = base_jacobian(robots, commands, given, scene=scene, wrench=wrench, on_failure="nan")
+            change += np.einsum("rnij,rj->rni", jacobian, bases[:, 0])
         turned = settle_batch(robots, commands, given, scene=scene, wrench=wrench).quaternions
         turning = np.concatenate([np.zeros((*change.shape[:2], 1)), change[..., 3:]], axis=-1)
         return change[..., :3], 0.5 * _product(turning, turned)
@@ -267,10 +282,10 @@ def poses_cotangent(poses: Floats, by_motions: Floats) -> Floats:
     return np.concatenate([by_motions[..., :3], 2.0 * _product(turning, unit)], axis=-1)
 
 
-def rows_of_poses(poses: Any, leading: tuple[int, ...]) -> Floats:
-    """Poses of obstacles, shape (..., m, 7), with their leading axes as one."""
-    rows = as_rows(poses, "poses of obstacles", leading, np.shape(poses)[-2:])
-    as_quaternions(rows[..., 3:], "obstacle_quaternions", (*rows.shape[:2], 4))
+def rows_of_poses(poses: Any, quaternions: str, leading: tuple[int, ...]) -> Floats:
+    """Poses, shape (..., m, 7), with their leading axes as one; ``quaternions`` is what theirs are called in errors."""
+    rows = as_rows(poses, "poses", leading, np.shape(poses)[-2:])
+    as_quaternions(rows[..., 3:], quaternions, (*rows.shape[:2], 4))
     return rows
 
 
@@ -303,6 +318,14 @@ def robots_of(robot: Robot, names: Sequence[str], values: Any, leading: tuple[in
     if len(rows) and (rows == rows[0]).all():
         return robot.with_values(dict(zip(names, rows[0], strict=True)))
     return [robot.with_values(dict(zip(names, row, strict=True))) for row in rows]
+
+
+def robots_based(robots: Robot | list[Robot], bases: Floats) -> Robot | list[Robot]:
+    """Robots with their bases at poses, shape (rows, 1, 7); without poses, shape (rows, 0, 7), as they are."""
+    if bases.size == 0:
+        return robots
+    placed = robots_at(robots if isinstance(robots, list) else [robots], bases[:, 0])
+    return placed if len(placed) > 1 else placed[0]
 
 
 def chosen_robots(robots: Robot | list[Robot], rows: NDArray[np.bool_]) -> Robot | list[Robot]:

@@ -73,7 +73,7 @@ class MotionProblem:
             start,
             as_rows(payload, "payload", leading, ()),
             as_rows(wrench, "wrench", leading, of_wrench),
-            rows_of_poses(poses, leading),
+            rows_of_poses(poses, "obstacle_quaternions", leading),
             scene_of(scene),
             dt,
             frame_skip,

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from tdcr._arrays import as_count, as_number
-from tdcr._differentiable import Problem, check_parameters, own_poses, scene_text
+from tdcr._differentiable import Problem, check_parameters, own_base, own_poses, scene_text
 from tdcr._differentiable_motions import MotionProblem
 from tdcr.errors import InputError, MissingPackageError
-from tdcr.robot import RobotLike, as_robot
+from tdcr.robot import Robot, RobotLike, as_robot
 from tdcr.scene import Scene
 from tdcr.sensitivity import OnFailure, check_on_failure
 
@@ -37,10 +37,12 @@ def settle(
     scene: Scene | None = None,
     obstacle_positions: Any = None,
     obstacle_quaternions: Any = None,
+    base_position: Any = None,
+    base_quaternion: Any = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[jax.Array, jax.Array]:
-    """Settles rows of commands; gradients flow to the commands, the loads, the values of physical parameters and the poses of
-    obstacles.
+    """Settles rows of commands; gradients flow to the commands, the loads, the values of physical parameters, and the poses
+    of obstacles and of the base.
 
     Computed in float64 by a callback to the host. It has first derivatives, in reverse and in forward mode; second ones are
     refused.
@@ -57,6 +59,9 @@ def settle(
             gradients.
         obstacle_quaternions: How they are turned (w, x, y, z), in place of the scene's, shape (..., m, 4) or (m, 4), normalised
             on use, with gradients.
+        base_position: Where the robot's base is, in place of its own position, shape (..., 3) or (3,) (m), with gradients.
+        base_quaternion: How the base is turned (w, x, y, z), in place of its own orientation, shape (..., 4) or (4,), normalised
+            on use, with gradients. Neither gravity nor the loads turn with it.
         on_failure: What becomes of rows that do not settle: ``"raise"``, or ``"nan"``.
 
     Returns:
@@ -79,6 +84,7 @@ def settle(
         # One row of values for each command: their gradients are summed by the adjoint of the broadcast.
         _rows(values, "values", dtype, leading, (len(names),)),
         _poses(scene, obstacle_positions, obstacle_quaternions, dtype, leading),
+        _base(robot, base_position, base_quaternion, dtype, leading),
     )
     positions, quaternions = call(_settling(_Settling(robot.to_json(), names, chosen, scene_text(scene))), *arguments)
     return positions, quaternions
@@ -183,6 +189,19 @@ def _poses(scene: Scene | None, positions: Any, quaternions: Any, dtype: Any, le
     return jnp.concatenate(poses, axis=-1)
 
 
+def _base(robot: Robot, position: Any, quaternion: Any, dtype: Any, leading: tuple[int, ...]) -> jax.Array:
+    """Pose of the base, shape (..., 1, 7), the robot's own where only position or quaternion is given; of none, shape
+    (..., 0, 7), where neither is."""
+    if position is None and quaternion is None:
+        return jnp.zeros((*leading, 0, 7), dtype)
+    place, turn = own_base(robot.to_json())
+    pose = (
+        _rows(place if position is None else position, "base_position", dtype, leading, (3,)),
+        _rows(turn if quaternion is None else quaternion, "base_quaternion", dtype, leading, (4,)),
+    )
+    return jnp.concatenate(pose, axis=-1)[..., None, :]
+
+
 class _Settling(NamedTuple):
     """Options of equilibria."""
 
@@ -199,7 +218,7 @@ class _Settling(NamedTuple):
 
     def adjoint(self, cotangents: Any, arguments: Any) -> Any:
         positions, quaternions = cotangents
-        return self.problem(arguments).adjoint(positions, quaternions, (True, True, True, bool(self.names), True))
+        return self.problem(arguments).adjoint(positions, quaternions, (True, True, True, bool(self.names), True, True))
 
     def tangent(self, changes: Any, arguments: Any) -> Any:
         return self.problem(arguments).tangent(changes)

@@ -9,8 +9,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+import numpy as np
+
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_count, as_flag, as_float, as_number, as_text, as_texts, maybe_number
+from tdcr._arrays import (
+    Floats,
+    as_array,
+    as_count,
+    as_flag,
+    as_float,
+    as_number,
+    as_quaternions,
+    as_text,
+    as_texts,
+    maybe_number,
+)
 from tdcr._dictionary import as_json, in_its_words
 from tdcr._files import as_path, write_whole
 from tdcr.errors import InputError, RobotError
@@ -122,6 +135,22 @@ class Robot:
             raise InputError(f"values is {values!r}; expected a dictionary from names of parameters to numbers")
         names = as_texts(values, "values")
         return Robot._of(self._native.with_values(names, [as_number(v, name) for name, v in values.items()]))
+
+    def with_base(self, position: Any = None, quaternion: Any = None) -> Robot:
+        """This robot with its base elsewhere: inserted, or turned, as a whole. Gravity does not turn with it.
+
+        Args:
+            position: Origin of the base in the world, shape (3,) (m); where it is by default.
+            quaternion: Orientation (w, x, y, z) of the base in the world, normalised on use; as it is by default.
+
+        Raises:
+            InputError: For another shape, and a quaternion that is 0.
+            RobotError: For a position that no robot file can have.
+        """
+        place, turn = self._native.base()
+        place = place if position is None else tuple(as_float(position, "position", (3,)).tolist())
+        turn = turn if quaternion is None else tuple(as_quaternions(quaternion, "quaternion", (4,)).tolist())
+        return Robot._of(self._native.with_base(place, turn), self.notes)
 
     def to_dict(self) -> dict[str, Any]:
         """The fields of the robot's file: ``Robot(robot.to_dict()) == robot``."""
@@ -256,6 +285,42 @@ def as_robots(robot: RobotLike | Sequence[RobotLike]) -> list[Robot]:
     if not robots:
         raise InputError("there are no robots; expected one, or one for each row")
     return robots
+
+
+def at_bases(robots: list[Robot], position: Any, quaternion: Any, rows: int) -> list[Robot]:
+    """Robots, one for all rows or one for each, with their bases elsewhere: one for all rows, or one for each.
+
+    Args:
+        robots: The robots.
+        position: ``base_position`` of :func:`tdcr.settle_batch`.
+        quaternion: ``base_quaternion`` of it.
+        rows: Number of rows.
+    """
+    # Another number of robots is refused where they are used.
+    if (position is None and quaternion is None) or len(robots) not in (1, rows) or rows == 0:
+        return robots
+    poses = np.empty((rows, 7))
+    poses[:] = [(*place, *turn) for place, turn in (robot._native.base() for robot in robots)]
+    if position is not None:
+        position = as_array(position, "base_position")
+        poses[:, :3] = as_float(position, "base_position", (rows, 3) if position.ndim == 2 else (3,))
+    if quaternion is not None:
+        quaternion = as_array(quaternion, "base_quaternion")
+        poses[:, 3:] = as_quaternions(quaternion, "base_quaternion", (rows, 4) if quaternion.ndim == 2 else (4,))
+    return robots_at(robots, poses)
+
+
+def robots_at(robots: Sequence[Robot], poses: Floats) -> list[Robot]:
+    """Robots with their bases at poses: one for all rows, or one for each.
+
+    Args:
+        robots: One, or one for each row.
+        poses: Position (m) and quaternion (w, x, y, z) of each row's base, shape (rows, 7).
+    """
+    if len(robots) == 1 and len(poses) > 1 and (poses == poses[0]).all():
+        poses = poses[:1]
+    several = robots if len(robots) > 1 else [robots[0]] * len(poses)
+    return [robot.with_base(pose[:3], pose[3:]) for robot, pose in zip(several, poses, strict=True)]
 
 
 def _unpickle(text: str, notes: tuple[str, ...]) -> Robot:

@@ -15,7 +15,7 @@ from tdcr._results import Batch, Result, is_row, row_of, rows_of
 from tdcr.contact import Contacts
 from tdcr.errors import InputError, NotSettledError
 from tdcr.loads import NO_LOADS, LoadRows, Loads, native_loads, one_load
-from tdcr.robot import Robot, RobotLike, as_robot, as_robots
+from tdcr.robot import Robot, RobotLike, as_robot, as_robots, at_bases
 from tdcr.scene import Scene, as_scene, as_scenes
 
 STABILITY = ("unknown", "stable", "neutral", "unstable", "flutter")
@@ -196,6 +196,8 @@ def settle(
     wrench: Any = None,
     loads: Loads | None = None,
     scene: Scene | None = None,
+    base_position: Any = None,
+    base_quaternion: Any = None,
 ) -> Equilibrium:
     """Settles a robot under a command, from the straight pose.
 
@@ -206,6 +208,9 @@ def settle(
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (n, 6).
         loads: Other loads.
         scene: Obstacles around the robot, which touches them without friction: the result has its contacts.
+        base_position: Where the robot's base is, in place of its own position, shape (3,) (m).
+        base_quaternion: How the base is turned (w, x, y, z), in place of its own orientation, shape (4,), normalised on use.
+            Neither gravity nor the loads turn with it.
 
     Returns:
         The equilibrium; look at its ``converged``, or call its ``check()``.
@@ -215,7 +220,7 @@ def settle(
         LoadsError: For loads that it cannot take.
         ContactError: In a scene, for a straight robot inside an obstacle, and for loads that are moments or turn with their disc.
     """
-    robot = as_robot(robot)
+    robot = at_bases([as_robot(robot)], base_position, base_quaternion, 1)[0]
     command = as_float(command, "command", (robot.tendons,))
     if scene is not None:
         question = robot._native, as_scene(scene)._native, command, *native_loads(loads, payload, wrench, robot.discs)
@@ -231,6 +236,8 @@ def settle_batch(
     wrench: Any = None,
     loads: Loads | Sequence[Loads] | None = None,
     scene: Scene | Sequence[Scene] | None = None,
+    base_position: Any = None,
+    base_quaternion: Any = None,
     progress: Progress | None = None,
 ) -> Equilibria:
     """Settles rows of commands on all threads, each from the straight pose.
@@ -244,6 +251,8 @@ def settle_batch(
         wrench: Force (N) and moment (N m) on each disc, world frame: shape (n, 6) for all rows, or (rows, n, 6).
         loads: Other loads: for all rows, or one for each row.
         scene: Obstacles around the robot: for all rows, or one scene for each row, of obstacles of the same names.
+        base_position, base_quaternion: Poses of the bases as of :func:`settle`, shapes (3,) and (4,) for all rows, or (rows, 3)
+            and (rows, 4).
         progress: Is called with the number of rows done since its last call, as ``tqdm(total=rows).update``.
 
     Raises:
@@ -252,6 +261,7 @@ def settle_batch(
         InputError: For shapes that do not fit.
     """
     rows = Rows.of(robot, commands, payload, wrench, loads, scene)
+    rows = replace(rows, robots=at_bases(rows.robots, base_position, base_quaternion, len(rows.commands)))
     if rows.scenes is not None:
         found, touched = _tdcr.settle_rows_among(rows.argument(), rows.native_scenes(), progress)
         return Equilibria._of(found, Contacts._of(touched, rows.scenes))

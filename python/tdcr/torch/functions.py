@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from tdcr._arrays import as_count, as_number
-from tdcr._differentiable import check_parameters, own_poses, scene_text
+from tdcr._differentiable import check_parameters, own_base, own_poses, scene_text
 from tdcr.errors import InputError
 from tdcr.robot import Robot, RobotLike, as_robot
 from tdcr.scene import Scene
@@ -28,10 +28,12 @@ def settle(
     scene: Scene | None = None,
     obstacle_positions: Tensor | None = None,
     obstacle_quaternions: Tensor | None = None,
+    base_position: Tensor | None = None,
+    base_quaternion: Tensor | None = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[Tensor, Tensor]:
-    """Settles rows of commands; gradients flow to the commands, the loads, the values of physical parameters and the poses of
-    obstacles.
+    """Settles rows of commands; gradients flow to the commands, the loads, the values of physical parameters, and the poses
+    of obstacles and of the base.
 
     Computed in float64 on the processor, whatever the type of the tensors; results have the type of ``command``, and whole
     numbers count as ones of PyTorch's default type. It has first derivatives, in reverse and in forward mode; second ones are
@@ -49,6 +51,9 @@ def settle(
             gradients.
         obstacle_quaternions: How they are turned (w, x, y, z), in place of the scene's, shape (..., m, 4) or (m, 4), normalised
             on use, with gradients.
+        base_position: Where the robot's base is, in place of its own position, shape (..., 3) or (3,) (m), with gradients.
+        base_quaternion: How the base is turned (w, x, y, z), in place of its own orientation, shape (..., 4) or (4,), normalised
+            on use, with gradients. Neither gravity nor the loads turn with it.
         on_failure: What becomes of rows that do not settle: ``"raise"``, or ``"nan"``, which may be masked: they have no
             influence on gradients where the cost does not depend on them.
 
@@ -77,6 +82,7 @@ def settle(
         # One row of values for each command: their gradients are summed by the adjoint of the expansion.
         _rows(values, "values", command, leading, (len(names),)),
         _poses(scene, obstacle_positions, obstacle_quaternions, command, leading),
+        _base(robot, base_position, base_quaternion, command, leading),
     )
     return operators.settle(arguments, robot.to_json(), names, chosen, scene_text(scene))
 
@@ -186,6 +192,26 @@ def _poses(scene: Scene | None, positions: Any, quaternions: Any, like: Tensor, 
         ],
         dim=-1,
     )
+
+
+def _base(robot: Robot, position: Any, quaternion: Any, like: Tensor, leading: torch.Size) -> Tensor:
+    """Pose of the base, shape (..., 1, 7), the robot's own where only position or quaternion is given; of none, shape
+    (..., 0, 7), where neither is."""
+    if position is None and quaternion is None:
+        return like.new_zeros((*leading, 0, 7))
+    place, turn = _own_base(robot.to_json())
+    pose = (
+        _rows(place if position is None else position, "base_position", like, leading, (3,)),
+        _rows(turn if quaternion is None else quaternion, "base_quaternion", like, leading, (4,)),
+    )
+    return torch.cat(pose, dim=-1).unsqueeze(-2)
+
+
+@torch.compiler.assume_constant_result  # type: ignore[untyped-decorator]
+def _own_base(robot: str) -> tuple[Tensor, Tensor]:
+    """Position and quaternion of the robot's own base, which are read where operators are traced."""
+    position, quaternion = own_base(robot)
+    return torch.from_numpy(position), torch.from_numpy(quaternion)
 
 
 @torch.compiler.assume_constant_result  # type: ignore[untyped-decorator]

@@ -20,8 +20,8 @@ _SEPARATOR = ","
 
 
 def settle(arguments: Tensors, robot: str, names: Sequence[str], on_failure: OnFailure, scene: str) -> tuple[Tensor, Tensor]:
-    """Positions and quaternions; arguments are commands, payloads, wrenches, values and poses of obstacles, with the same
-    leading axes."""
+    """Positions and quaternions; arguments are commands, payloads, wrenches, values, and poses of obstacles and of the base,
+    with the same leading axes."""
     text = _SEPARATOR.join(names)
     if _compiling():
         found: tuple[Tensor, Tensor] = _settle(*arguments, robot, text, on_failure, scene)
@@ -108,12 +108,13 @@ def _settle(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     on_failure: str,
     scene: str = "",
 ) -> tuple[Tensor, Tensor]:
-    problem = _problem((command, payload, wrench, values, poses), robot, names, scene)
+    problem = _problem((command, payload, wrench, values, poses, base), robot, names, scene)
     positions, quaternions = _of_type(command, problem.settle("raise" if on_failure == "raise" else "nan"))
     return positions, quaternions
 
@@ -125,6 +126,7 @@ def _(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     on_failure: str,
@@ -144,16 +146,17 @@ def _settle_backward(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     wanted: Sequence[bool],
     scene: str = "",
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    arguments = command, payload, wrench, values, poses
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    arguments = command, payload, wrench, values, poses, base
     positions, quaternions = _arrays((by_positions, by_quaternions))
     found = _problem(arguments, robot, names, scene).adjoint(positions, quaternions, wanted)
-    by_command, by_payload, by_wrench, by_values, by_poses = _like(arguments, found)
-    return by_command, by_payload, by_wrench, by_values, by_poses
+    by_command, by_payload, by_wrench, by_values, by_poses, by_base = _like(arguments, found)
+    return by_command, by_payload, by_wrench, by_values, by_poses, by_base
 
 
 @_settle_backward.register_fake
@@ -165,12 +168,14 @@ def _(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     wanted: Sequence[bool],
     scene: str = "",
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    return _empty_like(command), _empty_like(payload), _empty_like(wrench), _empty_like(values), _empty_like(poses)
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    loads = _empty_like(payload), _empty_like(wrench)
+    return _empty_like(command), *loads, _empty_like(values), _empty_like(poses), _empty_like(base)
 
 
 @torch.library.custom_op("tdcr::settle_forward", mutates_args=(), device_types="cpu")
@@ -180,17 +185,19 @@ def _settle_forward(
     of_wrench: Tensor,
     of_values: Tensor,
     of_poses: Tensor,
+    of_base: Tensor,
     command: Tensor,
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     scene: str = "",
 ) -> tuple[Tensor, Tensor]:
-    changes = _arrays((of_command, of_payload, of_wrench, of_values, of_poses))
-    found = _problem((command, payload, wrench, values, poses), robot, names, scene).tangent(changes)
+    changes = _arrays((of_command, of_payload, of_wrench, of_values, of_poses, of_base))
+    found = _problem((command, payload, wrench, values, poses, base), robot, names, scene).tangent(changes)
     positions, quaternions = _of_type(command, found)
     return positions, quaternions
 
@@ -202,11 +209,13 @@ def _(
     of_wrench: Tensor,
     of_values: Tensor,
     of_poses: Tensor,
+    of_base: Tensor,
     command: Tensor,
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     scene: str = "",
@@ -216,12 +225,12 @@ def _(
 
 
 def _setup(ctx, inputs, output):  # type: ignore[no-untyped-def]
-    command, payload, wrench, values, poses, ctx.robot, ctx.names, _, ctx.scene = inputs
-    ctx.save_for_backward(command, payload, wrench, values, poses)
+    command, payload, wrench, values, poses, base, ctx.robot, ctx.names, _, ctx.scene = inputs
+    ctx.save_for_backward(command, payload, wrench, values, poses, base)
 
 
 def _backward(ctx, by_positions, by_quaternions):  # type: ignore[no-untyped-def]
-    wanted = [bool(want) for want in ctx.needs_input_grad[:5]]
+    wanted = [bool(want) for want in ctx.needs_input_grad[:6]]
     gradients = _settle_backward(by_positions, by_quaternions, *ctx.saved_tensors, ctx.robot, ctx.names, wanted, ctx.scene)
     return *(g if want else None for g, want in zip(gradients, wanted, strict=True)), None, None, None, None
 

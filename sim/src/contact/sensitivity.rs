@@ -2,7 +2,7 @@
 //!
 //! The force `F` of a contact on a point `p` changes with the obstacle's motion, a displacement `d` of its origin `o` and a rotation
 //! `r`, by `S u + r x F`, `u = d + r x (p - o)`: `S` is what a displacement of the point diminishes the force by. A motion of the base
-//! is the opposite motion of everything else: obstacles, weights, loads. The implicit function theorem does the rest, as in
+//! is the opposite motion of everything else: obstacles, weights, loads of the world frame. The implicit function theorem does the rest, as in
 //! [`crate::sensitivity`].
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -15,7 +15,7 @@ use crate::chain::Chain;
 pub use crate::dynamics::ObstacleGradient;
 use crate::energy::{DeadForces, twist};
 use crate::pose::{PoseTangent, levers};
-use crate::robot::{Command, Loads};
+use crate::robot::{Command, Frame, Loads};
 use crate::sensitivity::{OnRod, PressedPoint, Sensitivity, SensitivityError};
 use crate::statics::Equilibrium;
 
@@ -31,6 +31,8 @@ pub struct ContactSensitivity {
     contacts: Vec<Pressed>,
     /// Of each disc the force that keeps its direction (N), and its couples (N m): [`DeadForces::wrenches`].
     dead: Vec<(Vector3<f64>, Matrix3<f64>)>,
+    /// Of each disc the moment that keeps its direction (N m), which only a robot without obstacles bears.
+    moments: Vec<Vector3<f64>>,
     /// Origin of each obstacle (m).
     origins: Vec<Vector3<f64>>,
 }
@@ -121,6 +123,7 @@ impl ContactSensitivity {
             base: robot.base(),
             contacts,
             dead: dead.wrenches(&chain),
+            moments: world_moments(loads, chain.positions.len()),
             origins: (scene.obstacles().iter())
                 .map(|obstacle| obstacle.pose.translation.vector)
                 .collect(),
@@ -157,6 +160,9 @@ impl ContactSensitivity {
         for (wrench, (force, couple)) in wrenches.iter_mut().zip(self.turned_dead(motion)) {
             wrench.position -= force;
             wrench.rotation -= couple;
+        }
+        for (wrench, moment) in wrenches.iter_mut().zip(&self.moments) {
+            wrench.rotation -= motion.rotation.cross(moment);
         }
         let mut poses = self.settle(&wrenches);
         for (pose, position) in poses.iter_mut().zip(&self.chain.positions) {
@@ -212,6 +218,9 @@ impl ContactSensitivity {
             gradient.base.rotation -= force.cross(&motion.position)
                 + motion.rotation * couples.trace()
                 - couples.tr_mul(&motion.rotation);
+        }
+        for (motion, moment) in motions.iter().zip(&self.moments) {
+            gradient.base.rotation -= moment.cross(&motion.rotation);
         }
         for (cotangent, position) in cotangents.iter().zip(&self.chain.positions) {
             gradient.base.position += cotangent.position;
@@ -278,6 +287,17 @@ impl Pressed {
         let displacement = motion.position + motion.rotation.cross(&(self.point - about));
         self.stiffness * displacement + motion.rotation.cross(&self.force)
     }
+}
+
+/// Of each disc the sum of the moments that keep their direction (N m), world axes.
+fn world_moments(loads: &Loads, discs: usize) -> Vec<Vector3<f64>> {
+    let mut moments = vec![Vector3::zeros(); discs];
+    for wrench in loads.wrenches() {
+        if wrench.frame == Frame::World {
+            moments[wrench.disc] += Vector3::from(wrench.moment);
+        }
+    }
+    moments
 }
 
 /// A contact of the robot with itself, for each of its beads that moves along its disc.

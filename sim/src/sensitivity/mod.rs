@@ -143,6 +143,12 @@ impl Sensitivity {
         (pressing, on_rods): (&Pressing, Vec<OnRod>),
     ) -> Result<Self, SensitivityError> {
         let mut sensitivity = Self::expand(robot, command, loads, equilibrium, Some(pressing))?;
+        // Loads without a potential are those of robots that nothing presses.
+        if loads.wrenches().iter().any(following::follows) {
+            sensitivity.factorise()?;
+            sensitivity.hold_lengths();
+            return Ok(sensitivity);
+        }
         let mut lu = PairedLu::new(&sensitivity.expansion);
         let matrix = ChainMatrix {
             expansion: &sensitivity.expansion,

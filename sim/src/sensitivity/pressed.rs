@@ -93,16 +93,20 @@ impl Sensitivity {
 
     /// Change of the disc poses by forces and moments that do to the gradient the opposite of these terms of discs.
     pub(crate) fn yielding(&self, disc: &[Vector3<f64>]) -> Vec<PoseTangent> {
+        self.yielding_by(disc, Side::Matrix)
+    }
+
+    fn yielding_by(&self, disc: &[Vector3<f64>], side: Side) -> Vec<PoseTangent> {
         let none = vec![Vector3::zeros(); disc.len()];
         let growth = vec![0.0; self.held.tendons.len()];
-        let (mut turns, _) = self.solve(&none, disc, &growth, Side::Matrix);
+        let (mut turns, _) = self.solve(&none, disc, &growth, side);
         turns.iter_mut().for_each(|turn| *turn = -*turn);
         self.move_discs(&ModelTangent::zero(&self.robot), &turns)
     }
 
     /// Of a cost with these derivatives by the discs' poses: its derivatives by a force and by a moment on each disc's origin.
     pub(crate) fn adjoint_motions(&self, cotangents: &[PoseTangent]) -> Vec<PoseTangent> {
-        self.yielding(&levers(&self.posture.chain, cotangents))
+        self.yielding_by(&levers(&self.posture.chain, cotangents), Side::Transpose)
     }
 
     /// A force on the centre of a joint and a moment, on the origin of its disc.

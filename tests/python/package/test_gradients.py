@@ -60,10 +60,11 @@ def test_the_operator_keeps_the_contracts_of_custom_operators() -> None:
     command, payload, wrench, shares = (tensor.detach().clone().requires_grad_() for tensor in tensors())
     values = (shares * torch.from_numpy(SCALES)).detach().expand(2, 3).clone().requires_grad_()
     poses = torch.zeros(2, 0, 7, dtype=torch.float64)
-    arguments = (command, payload, wrench, values, poses, ROBOT.to_json(), ",".join(NAMES), "raise")
+    base = torch.zeros(2, 0, 7, dtype=torch.float64)
+    arguments = (command, payload, wrench, values, poses, base, ROBOT.to_json(), ",".join(NAMES), "raise")
     assert set(torch.library.opcheck(operators._settle, arguments).values()) == {"SUCCESS"}
-    changes = tuple(argument.detach() for argument in arguments[:5])
-    forward = (*changes, *changes, *arguments[5:7])
+    changes = tuple(argument.detach() for argument in arguments[:6])
+    forward = (*changes, *changes, *arguments[6:8])
     assert set(torch.library.opcheck(operators._settle_forward, forward).values()) == {"SUCCESS"}
 
 
