@@ -15,7 +15,7 @@ use crate::loads::Loads;
 use crate::robot::Robot;
 use crate::run;
 use crate::scene::Scene;
-use crate::statics::{Batch, EquilibriumRows, Numbers, One, Row, RowsArgument, one};
+use crate::statics::{Batch, EquilibriumRows, Numbers, One, Row, RowsArgument, code, one};
 
 /// Scenes as they come from Python: one for all rows, or one a row.
 pub type ScenesArgument<'py> = Vec<PyRef<'py, Scene>>;
@@ -85,9 +85,10 @@ pub struct ContactRows {
     gap: Py<PyArray1<f64>>,
     force: Py<PyArray2<f64>>,
     weak: Py<PyArray1<bool>>,
-    slips: Py<PyArray1<bool>>,
+    sliding: Py<PyArray1<u8>>,
     complementarity: Py<PyArray1<f64>>,
     penetration: Py<PyArray1<f64>>,
+    shape_error: Py<PyArray1<f64>>,
 }
 
 /// What one robot touches.
@@ -96,21 +97,32 @@ pub struct Touched {
     contacts: Vec<Contact>,
     complementarity: f64,
     penetration: f64,
+    /// How far a plane that touches a disc may be from one that touches its beads (m).
+    shape_error: f64,
 }
 
 impl Touched {
-    fn of(found: &ContactEquilibrium) -> Self {
+    /// What a robot touches in an equilibrium, with its beads' shape error (m).
+    pub fn at_rest(found: &ContactEquilibrium, shape_error: f64) -> Self {
         Self {
             contacts: found.contacts.clone(),
             complementarity: found.complementarity,
             penetration: found.penetration,
+            shape_error,
         }
     }
-}
 
-impl Touched {
-    /// What a robot in motion touches.
-    pub fn in_motion(contacts: &[Contact], scene: &tdcr::sim::scene::Scene) -> Self {
+    /// The same of a settler's last equilibrium.
+    fn of(settler: &tdcr::sim::contact::ContactSettler) -> Self {
+        Self::at_rest(settler.found(), settler.beads().shape_error())
+    }
+
+    /// What a robot in motion touches, with its beads' shape error (m).
+    pub fn in_motion(
+        contacts: &[Contact],
+        scene: &tdcr::sim::scene::Scene,
+        shape_error: f64,
+    ) -> Self {
         let product = |contact: &Contact| {
             let compliance = match (contact.partner.obstacle(), scene.self_contact()) {
                 (Some(obstacle), _) => scene.obstacles()[obstacle].compliance,
@@ -124,6 +136,7 @@ impl Touched {
             complementarity: contacts.iter().map(product).fold(0.0, f64::max),
             penetration: (contacts.iter().map(|contact| -contact.gap)).fold(0.0, f64::max),
             contacts: contacts.to_vec(),
+            shape_error,
         }
     }
 }
@@ -144,7 +157,7 @@ pub fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
     };
     let owner = (rows.iter().enumerate())
         .flat_map(|(index, row)| std::iter::repeat_n(number(index), row.contacts.len()));
-    let slips = each().map(|contact| contact.sliding == Sliding::Slips);
+    let sliding = each().map(|contact| code(&SLIDING, contact.sliding));
     let weak = each().map(|contact| contact.activity == Activity::Weak);
     Ok(ContactRows {
         row: numbers(owner.collect())?,
@@ -164,22 +177,25 @@ pub fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
         gap: array(py, each().map(|contact| contact.gap).collect(), [count])?.unbind(),
         force: vectors(|contact| contact.force)?,
         weak: array(py, weak.collect(), [count])?.unbind(),
-        slips: array(py, slips.collect(), [count])?.unbind(),
+        sliding: array(py, sliding.collect(), [count])?.unbind(),
         complementarity: by_row(|row| row.complementarity)?,
         penetration: by_row(|row| row.penetration)?,
+        shape_error: by_row(|row| row.shape_error)?,
     })
 }
 
-/// What the robot touches in an equilibrium, as rows of one.
-pub fn touched(py: Python<'_>, found: &ContactEquilibrium) -> PyResult<ContactRows> {
-    arrays(py, &[Touched::of(found)])
-}
+/// Whether contacts slide, by their codes in arrays: the names are `SLIDING` of `tdcr.contact`.
+const SLIDING: [Sliding; 3] = [Sliding::Free, Sliding::Sticks, Sliding::Slips];
 
 /// An equilibrium, and what the robot touches in it, as rows of one.
 type OneAmong<'py> = (One<'py>, ContactRows);
 
-fn one_among<'py>(py: Python<'py>, found: &ContactEquilibrium) -> Outcome<OneAmong<'py>> {
-    Ok((one(py, &found.equilibrium)?, touched(py, found)?))
+fn one_among<'py>(
+    py: Python<'py>,
+    settler: &tdcr::sim::contact::ContactSettler,
+) -> Outcome<OneAmong<'py>> {
+    let touched = arrays(py, &[Touched::of(settler)])?;
+    Ok((one(py, &settler.found().equilibrium)?, touched))
 }
 
 /// Settles one robot in a scene from the straight pose.
@@ -205,7 +221,7 @@ pub fn settle_one_among<'py>(
     loads.check(robot)?;
     let mut settler = tdcr::sim::contact::ContactSettler::new(robot, &scene.0);
     run::long(py, None, |_| settler.settle(&command, &loads).map(drop))??;
-    one_among(py, settler.found())
+    one_among(py, &settler)
 }
 
 /// Settles each row in its scene from the straight pose, on all threads. `progress` is told how many more rows are done.
@@ -230,7 +246,7 @@ pub fn settle_rows_among(
             let found = found.map_err(|error| of_row(error.into(), row, rows.rows()))?;
             out.write(&found.equilibrium);
             watch.advance(1);
-            Ok(Touched::of(found))
+            Ok(Touched::of(settler))
         };
         // All rows, of which the first failure counts, whatever thread is first.
         let all: Vec<Outcome<Touched>> = (numbers.rows().par_iter_mut().enumerate())
@@ -262,7 +278,7 @@ pub fn follow_rows_among(
             let found = settler.follow(&rows.commands[row], &rows.loads[row]);
             let found = found.map_err(|error| of_row(error.into(), row, rows.rows()))?;
             out.write(&found.equilibrium);
-            touched.push(Touched::of(found));
+            touched.push(Touched::of(&settler));
             watch.advance(1);
         }
         Ok::<_, Failure>(touched)
@@ -315,7 +331,7 @@ impl ContactSettler {
             }
             .map(drop)
         })??;
-        one_among(py, self.settler.found())
+        one_among(py, &self.settler)
     }
 }
 

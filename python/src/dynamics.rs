@@ -103,7 +103,8 @@ impl Row<'_> {
         let width = objects::WIDTH * moving.objects().len();
         objects::write(moving, &mut self.objects[part(width)]);
         if of.scenes.is_some() && !scene.is_empty() {
-            (self.touched).push(Touched::in_motion(moving.contacts(), scene));
+            let error = moving.shape_error();
+            (self.touched).push(Touched::in_motion(moving.contacts(), scene, error));
         }
         *self.steps = u32::try_from(step + 1).unwrap_or(u32::MAX);
     }

@@ -3,13 +3,14 @@
 use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray3};
 use pyo3::prelude::*;
+use tdcr::sim::geometry::Beads;
 use tdcr::sim::inverse::calibration::{self, Finding, FitState, Observation, Unknown};
 use tdcr::sim::inverse::shape::{
     self, Arrival, Bound as End, Goal, Outcome as Ending, PathPoint, Search, ShapeSolution, Target,
 };
 
 use crate::arrays::{array, contiguous};
-use crate::contact::{ContactRows, touched};
+use crate::contact::{ContactRows, Touched, arrays};
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
 use crate::robot::{Robot, parameters};
@@ -54,7 +55,13 @@ type Solution<'py> = (
     Option<ContactRows>,
 );
 
-fn solution<'py>(py: Python<'py>, found: &ShapeSolution) -> Outcome<Solution<'py>> {
+/// A solution of a robot whose beads have a shape error (m), for Python.
+fn solution<'py>(
+    py: Python<'py>,
+    found: &ShapeSolution,
+    shape_error: f64,
+) -> Outcome<Solution<'py>> {
+    let touched = |among| arrays(py, &[Touched::at_rest(among, shape_error)]);
     let equilibrium = &found.equilibrium;
     let tendons = equilibrium.tendon_tensions.len();
     let mut numbers = Numbers::new(1, equilibrium.positions.len(), tendons);
@@ -79,7 +86,7 @@ fn solution<'py>(py: Python<'py>, found: &ShapeSolution) -> Outcome<Solution<'py
         active,
         gap,
         found.steps,
-        (found.among.as_ref().map(|among| touched(py, among))).transpose()?,
+        found.among.as_ref().map(touched).transpose()?,
     ))
 }
 
@@ -120,24 +127,40 @@ impl ShapeController {
     fn reach<'py>(&self, py: Python<'py>, targets: Vec<TargetTuple>) -> Outcome<Solution<'py>> {
         let targets: Vec<Target> = targets.into_iter().map(target).collect::<Outcome<_>>()?;
         let found = run::long(py, None, |_| self.0.reach(&targets))??;
-        solution(py, &found)
+        solution(py, &found, shape_error(self.0.robot()))
     }
 
     /// A path of targets, from where the robot settles under `start`, if that is given.
     #[pyo3(signature = (start=None))]
     fn path(&self, start: Option<PyReadonlyArray1<'_, f64>>) -> Outcome<ShapePath> {
-        let Some(start) = start else {
-            return Ok(ShapePath(self.0.path()));
-        };
         let robot = self.0.robot();
+        let Some(start) = start else {
+            return Ok(ShapePath::new(self.0.path(), robot));
+        };
         let start = robot.command(contiguous(&start, "start", &[robot.tendons().len()])?)?;
-        Ok(ShapePath(self.0.path_from(&start)?))
+        Ok(ShapePath::new(self.0.path_from(&start)?, robot))
     }
 }
 
 /// A path of targets that the robot is led along without jumps.
 #[pyclass(module = "tdcr._tdcr")]
-pub struct ShapePath(shape::ShapePath);
+pub struct ShapePath {
+    path: shape::ShapePath,
+    /// Of the beads that stand for the discs (m).
+    shape_error: f64,
+}
+
+impl ShapePath {
+    fn new(path: shape::ShapePath, robot: &tdcr::sim::robot::Robot) -> Self {
+        let shape_error = shape_error(robot);
+        Self { path, shape_error }
+    }
+}
+
+/// By how much the beads that stand for a robot's discs may differ from these (m).
+fn shape_error(robot: &tdcr::sim::robot::Robot) -> f64 {
+    Beads::new(robot).shape_error()
+}
 
 #[pymethods]
 impl ShapePath {
@@ -156,7 +179,7 @@ impl ShapePath {
         f64,
     )> {
         let targets: Vec<Target> = targets.into_iter().map(target).collect::<Outcome<_>>()?;
-        let path = &mut self.0;
+        let path = &mut self.path;
         let PathPoint {
             solution: found,
             arrival,
@@ -177,7 +200,7 @@ impl ShapePath {
             .collect();
         let via = array(py, flat, [via.len(), tendons])?;
         Ok((
-            solution(py, &found)?,
+            solution(py, &found, self.shape_error)?,
             arrival,
             via,
             command_change,

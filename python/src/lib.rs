@@ -76,6 +76,7 @@ mod splat;
 mod stage;
 mod statics;
 mod steps;
+mod stiffness;
 mod stream;
 mod studies;
 mod tendon_friction;
@@ -149,6 +150,8 @@ mod _tdcr {
     use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_one, settle_rows};
     #[pymodule_export]
     use crate::steps::Steps;
+    #[pymodule_export]
+    use crate::stiffness::smallest_stiffness_rows;
     #[pymodule_export]
     use crate::stream::Stream;
     #[pymodule_export]

@@ -35,7 +35,8 @@ impl MovingRobot {
 
     /// What the robot touched in the last time step, as rows of one.
     fn contacts(&self, py: Python<'_>) -> PyResult<ContactRows> {
-        let touched = Touched::in_motion(self.0.contacts(), self.0.scene());
+        let error = self.0.shape_error();
+        let touched = Touched::in_motion(self.0.contacts(), self.0.scene(), error);
         arrays(py, &[touched])
     }
 

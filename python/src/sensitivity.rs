@@ -83,7 +83,7 @@ pub fn by_rows_among(
 }
 
 /// Computes each row's numbers with a settler that each thread keeps, in parallel.
-fn each_row<S>(
+pub fn each_row<S>(
     py: Python<'_>,
     rows: &Batch,
     width: usize,

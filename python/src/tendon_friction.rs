@@ -2,6 +2,7 @@
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
+use tdcr::sim::geometry::Beads;
 use tdcr::sim::tendon_friction::{ContactPath, FrictionState, SlipState, TendonProfile};
 
 use crate::arrays::contiguous;
@@ -36,6 +37,8 @@ type Stand<'py> = (
 #[pyclass(module = "tdcr._tdcr")]
 pub struct FrictionPath {
     path: ContactPath,
+    /// Of the beads that stand for the discs (m).
+    shape_error: f64,
     /// Whether there is a scene, and so contacts with it to report.
     has_scene: bool,
 }
@@ -59,6 +62,7 @@ impl FrictionPath {
             .map(|scene| scene.0.clone())
             .unwrap_or_default();
         Ok(Self {
+            shape_error: Beads::new(&robot.0).shape_error(),
             path: ContactPath::new(&robot.0, &around).with_resolution(resolution),
             has_scene: scene.is_some(),
         })
@@ -107,7 +111,7 @@ impl FrictionPath {
         let (equilibrium, profiles, account) = state(py, path.state())?;
         let touched = self
             .has_scene
-            .then(|| Touched::in_motion(path.contacts(), path.scene()));
+            .then(|| Touched::in_motion(path.contacts(), path.scene(), self.shape_error));
         let contacts = touched.map(|own| contact_rows(py, &[own])).transpose()?;
         Ok((equilibrium, profiles, account, contacts))
     }

@@ -49,6 +49,7 @@ from tdcr.starting import new
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
 from tdcr.stream import Stream
 from tdcr.studies import merge_study, study
+from tdcr.stiffness import smallest_stiffness
 from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
 from tdcr.tracking import Tracking, track
@@ -144,6 +145,7 @@ __all__ = [
     "sweep",
     "threads",
     "track",
+    "smallest_stiffness",
     "train",
     "view",
     "vjp",

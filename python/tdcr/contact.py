@@ -14,6 +14,11 @@ from tdcr._arrays import Floats
 from tdcr._results import Result
 from tdcr.scene import Scene
 
+SLIDING = np.array(["free", "sticks", "slips"])
+"""What :attr:`Contacts.sliding` has, by the native module's codes."""
+_EXACTNESS = ("complementarity", "penetration", "shape_error")
+"""What contacts have for each row."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Contacts(Result):
@@ -31,10 +36,12 @@ class Contacts(Result):
         force: Force on the disc, shape (k, 3) (N).
         weak: Whether neither force nor gap is clearly above 0, shape (k,): after a small change such a contact may bear more, or
             none, so that derivatives differ from one side to the other.
-        slips: Whether it slides along the obstacle against friction, shape (k,).
+        sliding: Whether it slides, shape (k,): ``"free"`` where nothing resists that, as there is no friction or none is known;
+            ``"sticks"`` where friction holds it; ``"slips"`` where it slides against friction.
         complementarity: Largest product of a force and the distance of its surfaces after they have given way (J), 0 of exact
             contact: a number, or shape (rows,).
         penetration: Deepest overlap of the undeformed shapes (m): a number, or shape (rows,).
+        shape_error: How far a plane that touches a disc may be from one that touches its beads (m): a number, or shape (rows,).
         names: Names of all obstacles of the scene, by their numbers.
     """
 
@@ -47,9 +54,10 @@ class Contacts(Result):
     gap: Floats
     force: Floats
     weak: NDArray[np.bool_]
-    slips: NDArray[np.bool_]
+    sliding: NDArray[np.str_]
     complementarity: Any
     penetration: Any
+    shape_error: Any
     names: tuple[str, ...]
 
     @property
@@ -64,6 +72,7 @@ class Contacts(Result):
     def _of(cls, found: _tdcr.ContactRows, scenes: Sequence[Scene]) -> Contacts:
         """Those of a batch."""
         by_name = {name: getattr(found, name) for name in cls.__dataclass_fields__ if name != "names"}
+        by_name["sliding"] = SLIDING[found.sliding]
         return cls(**by_name, names=scenes[0].names)
 
     @classmethod
@@ -77,7 +86,7 @@ class Contacts(Result):
         return self._single(slice(start, end), row)
 
     def _single(self, chosen: slice, row: int) -> Contacts:
-        exactness: dict[str, Any] = {name: float(getattr(self, name)[row]) for name in ("complementarity", "penetration")}
+        exactness: dict[str, Any] = {name: float(getattr(self, name)[row]) for name in _EXACTNESS}
         return replace(self, row=None, **self._chosen(chosen), **exactness)
 
     def _of_rows(self, rows: NDArray[np.intp]) -> Contacts:
@@ -89,10 +98,9 @@ class Contacts(Result):
             self,
             row=np.repeat(np.arange(len(rows)), counts),
             **self._chosen(chosen),
-            complementarity=self.complementarity[rows],
-            penetration=self.penetration[rows],
+            **{name: getattr(self, name)[rows] for name in _EXACTNESS},
         )
 
     def _chosen(self, chosen: Any) -> dict[str, Any]:
-        each = ("disc", "obstacle", "other_disc", "point", "normal", "gap", "force", "weak", "slips")
+        each = ("disc", "obstacle", "other_disc", "point", "normal", "gap", "force", "weak", "sliding")
         return {name: getattr(self, name)[chosen] for name in each}

@@ -18,7 +18,7 @@ use crate::run;
 
 pub use batch::{Batch, RowsArgument};
 pub use memory::{read_memory, write_memory};
-pub use numbers::{EquilibriumRows, Numbers, One, Row, one};
+pub use numbers::{EquilibriumRows, Numbers, One, Row, code, one};
 
 /// Most discs of a robot that settles faster than a thread is woken.
 pub const SMALL: usize = 64;

@@ -106,6 +106,12 @@ impl MovingRobot {
         self.stepper.scene()
     }
 
+    /// How far a plane that touches a disc may be from one that touches its beads (m):
+    /// [`Beads::shape_error`](crate::geometry::Beads::shape_error).
+    pub fn shape_error(&self) -> f64 {
+        self.stepper.beads().shape_error()
+    }
+
     /// Configuration and velocities.
     pub fn state(&self) -> &State {
         &self.state

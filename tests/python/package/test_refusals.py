@@ -79,6 +79,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (tdcr.settle, {"robot": ROBOT, "command": COMMAND, "base_position": (0, 0, 0), "base_quaternion": (1, 0, 0, 0)}),
         (tdcr.settle_batch, {**batch, "base_position": np.zeros((1, 3)), "base_quaternion": (1, 0, 0, 0)}),
         (tdcr.settle_batch, {**batch, "payload": 0.0, "wrench": None, "loads": None, "progress": None, "scene": SCENE}),
+        (tdcr.smallest_stiffness, {**batch, "payload": 0.0, "wrench": None, "loads": None, "scene": SCENE}),
         (tdcr.follow, {**batch, "payload": 0.0, "wrench": None, "loads": None, "progress": None, "scene": SCENE}),
         (tdcr.Settler, {"robot": ROBOT, "scene": SCENE}),
         (tdcr.Scene, {"obstacles": [BALL]}),
