@@ -35,6 +35,7 @@ from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
 from tdcr.objects import Hinge, Objects, Slider
 from tdcr.planning import Deployment, Plan, follow_the_leader, plan
+from tdcr.obstacles import Obstacle
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor, Reached
 from tdcr.recordings import RecordingCalibration, calibrate_recording
 from tdcr.rerun_logs import log_to_rerun

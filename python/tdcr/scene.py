@@ -5,187 +5,28 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, overload
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_float, as_number, as_text
+from tdcr._arrays import Floats, as_number, as_text
 from tdcr._dictionary import in_its_words
 from tdcr._files import as_path, write_whole
 from tdcr._results import is_row
 from tdcr.errors import InputError, SceneError
-from tdcr.objects import Hinge, Slider, joint_of
+from tdcr.obstacles import Obstacle, numbers_of
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True)
-class Obstacle:
-    """A thing in the world that a robot may touch. Made by its shape: ``Obstacle.sphere("ball", 0.02, position=(0.1, 0, 0.2))``.
-
-    All builders take the attributes from ``position`` on as keywords. :class:`Scene` checks sizes and numbers.
-
-    Attributes:
-        name: Name, no other obstacle's of its scene.
-        kind: ``"half_space"``, ``"box"``, ``"sphere"``, ``"capsule"``, ``"cylinder"``, ``"pipe"`` or ``"mesh"``.
-        position: Origin of the obstacle's frame in the world (m).
-        orientation: Quaternion (w, x, y, z) of that frame in the world, normalised on use.
-        compliance: How far the surface gives way for each newton (m/N). Below 1e-8 m/N it counts as that in contact.
-        friction: Coefficient of friction, which equilibria do not know yet.
-        color: Red, green and blue under full light, 0 to 255.
-        mass: Mass of an obstacle that moves, an object (kg), or None for one that is fixed. Equilibria take objects as fixed.
-        velocity: Velocity of an object's origin at the start, world axes (m/s).
-        angular_velocity: Its angular velocity at the start, world axes (rad/s).
-        joint: A :class:`Hinge` or :class:`Slider` between an object and the world, or None for one that moves freely.
-
-    Raises:
-        SceneError: For values of the wrong type or shape, or not finite.
-    """
-
-    name: str
-    kind: str
-    position: Vector = (0.0, 0.0, 0.0)
-    orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    compliance: float = 1e-6
-    friction: float = 0.0
-    color: tuple[int, int, int] = (150, 140, 125)
-    mass: float | None = None
-    velocity: Vector = (0.0, 0.0, 0.0)
-    angular_velocity: Vector = (0.0, 0.0, 0.0)
-    joint: Hinge | Slider | None = None
-    _size: tuple[tuple[str, Any], ...] = field(default=(), repr=False, kw_only=True)
-
-    def __post_init__(self) -> None:
-        try:
-            what = f"of obstacle {as_text(self.name, 'name of an obstacle')!r}"
-            put = object.__setattr__
-            put(self, "position", _numbers(self.position, f"position {what}", 3))
-            put(self, "orientation", _numbers(self.orientation, f"orientation {what}", 4))
-            put(self, "compliance", as_number(self.compliance, f"compliance {what}"))
-            put(self, "friction", as_number(self.friction, f"friction {what}"))
-            put(self, "color", _color(self.color, f"color {what}"))
-            if self.mass is not None:
-                put(self, "mass", as_number(self.mass, f"mass {what}"))
-            put(self, "velocity", _numbers(self.velocity, f"velocity {what}", 3))
-            put(self, "angular_velocity", _numbers(self.angular_velocity, f"angular_velocity {what}", 3))
-            if not isinstance(self.joint, Hinge | Slider | None):
-                raise InputError(f"joint {what} is {self.joint!r}; expected a tdcr.Hinge or a tdcr.Slider")
-            put(self, "_size", tuple((name, _checked(name, value, what)) for name, value in self._size))
-        except InputError as error:
-            raise SceneError(str(error)) from None
-
-    @property
-    def size(self) -> dict[str, Any]:
-        """The numbers of the shape, by the arguments of its builder: ``{"radius": 0.02}`` (m)."""
-        return dict(self._size)
-
-    @classmethod
-    def half_space(cls, name: str, **surface: Any) -> Obstacle:
-        """All that is below the obstacle's x-y plane."""
-        return _made(cls, name, "half_space", surface)
-
-    @classmethod
-    def box(cls, name: str, size: Any, **surface: Any) -> Obstacle:
-        """A box of whole sides, shape (3,) (m), about the origin of its frame."""
-        return _made(cls, name, "box", surface, size=size)
-
-    @classmethod
-    def sphere(cls, name: str, radius: float, **surface: Any) -> Obstacle:
-        """A sphere of a radius (m)."""
-        return _made(cls, name, "sphere", surface, radius=radius)
-
-    @classmethod
-    def capsule(cls, name: str, radius: float, length: float, **surface: Any) -> Obstacle:
-        """A capsule about its z axis, of a radius and the distance of its balls' centres (m)."""
-        return _made(cls, name, "capsule", surface, radius=radius, length=length)
-
-    @classmethod
-    def cylinder(cls, name: str, radius: float, length: float, **surface: Any) -> Obstacle:
-        """A cylinder about its z axis, of a radius and a length (m)."""
-        return _made(cls, name, "cylinder", surface, radius=radius, length=length)
-
-    @classmethod
-    def pipe(cls, name: str, radius: float, length: float | None = None, *, path: Any = None, **surface: Any) -> Obstacle:
-        """A pipe of a radius (m): straight along its z axis, of a ``length`` (m), or along the line through the points of a
-        ``path``, shape (points, 3), in its own frame (m)."""
-        if (length is None) == (path is None):
-            raise SceneError(f"pipe {name!r} has length {length!r} and path {path!r}; expected one of them")
-        size = {"length": length} if path is None else {"path": path}
-        return _made(cls, name, "pipe", surface, radius=radius, **size)
-
-    @classmethod
-    def mesh(cls, name: str, file: str | os.PathLike[str], scale: float = 1.0, **surface: Any) -> Obstacle:
-        """Triangles of an STL file, whose numbers times ``scale`` are metres; a :class:`Scene` reads it when it is made."""
-        return _made(cls, name, "mesh", surface, file=os.path.abspath(as_path(file, "file")), scale=scale)
-
-    def _fields(self) -> dict[str, Any]:
-        """What a scene's file says of it."""
-        fields: dict[str, Any] = {
-            "name": self.name,
-            self.kind: self.size,
-            "position": self.position,
-            "orientation": self.orientation,
-            "compliance": self.compliance,
-            "friction": self.friction,
-            "color": self.color,
-        }
-        if self.mass is not None:
-            fields["mass"] = self.mass
-        # A file says of what is fixed that it does not move, by saying nothing.
-        fields |= {name: value for name in ("velocity", "angular_velocity") if any(value := getattr(self, name))}
-        return fields if self.joint is None else fields | {"joint": self.joint._fields()}
-
-    @classmethod
-    def _of(cls, fields: Mapping[str, Any]) -> Obstacle:
-        """The obstacle of which a scene's file says this."""
-        surface = {name: value for name, value in fields.items() if name in _SURFACE}
-        (kind,) = fields.keys() - surface.keys() - {"name"}
-        if "joint" in surface:
-            surface["joint"] = joint_of(surface["joint"])
-        return _made(cls, fields["name"], kind, surface, **fields[kind])
-
-
-_SURFACE = ("position", "orientation", "compliance", "friction", "color", "mass", "velocity", "angular_velocity", "joint")
-"""Attributes that every obstacle has."""
-
-
-def _made(cls: type[Obstacle], name: str, kind: str, surface: Mapping[str, Any], **size: Any) -> Obstacle:
-    if unknown := surface.keys() - set(_SURFACE):
-        raise SceneError(f"obstacle {name!r} is given {sorted(unknown)}; expected {', '.join(_SURFACE)}")
-    return cls(name, kind, **surface, _size=tuple(size.items()))
-
-
-def _numbers(value: Any, name: str, count: int) -> Any:
-    return tuple(as_float(value, name, (count,)).tolist())
-
-
-def _color(value: Any, name: str) -> Any:
-    color = _numbers(value, name, 3)
-    if not all(one in range(256) for one in color):
-        raise InputError(f"{name} is {value!r}; expected three whole numbers from 0 to 255")
-    return tuple(int(one) for one in color)
-
-
-def _checked(name: str, value: Any, what: str) -> Any:
-    """A number, or what else gives a shape, by its name."""
-    if name == "file":
-        return value
-    if name in ("path", "vertices"):
-        return tuple(tuple(point) for point in as_float(value, f"{name} {what}", ("points", 3)).tolist())
-    if name == "triangles":
-        return tuple(tuple(int(vertex) for vertex in row) for row in as_float(value, f"{name} {what}", ("triangles", 3)).tolist())
-    return _numbers(value, f"size {what}", 3) if name == "size" else as_number(value, f"{name} {what}")
+_LARGEST_FILE = 16 << 20
+"""Bytes of the largest scene's file that is read."""
 
 
 class Scene(Sequence[Obstacle]):
     """Obstacles around a robot, which is not one of them. By number or by name: ``scene[0]``, ``scene["ball"]``.
 
     Scenes never change; :meth:`moved` makes others. They compare by what they consist of, and can be pickled: meshes by the
-    paths of their files, which are read again.
+    paths of their files, which are read again, or by their vertices and triangles where they were made of those.
 
     Args:
         obstacles: The obstacles, in the order of their numbers, or a scene.
@@ -306,8 +147,8 @@ class Scene(Sequence[Obstacle]):
         """
         number = self.find(obstacle)
         try:
-            where = None if position is None else _numbers(position, "position", 3)
-            turned = None if orientation is None else _numbers(orientation, "orientation", 4)
+            where = None if position is None else numbers_of(position, "position", 3)
+            turned = None if orientation is None else numbers_of(orientation, "orientation", 4)
             if turned is not None and not any(turned):
                 raise InputError(f"orientation is {orientation!r}; expected a quaternion (w, x, y, z), not all 0")
         except InputError as error:
@@ -325,15 +166,24 @@ class Scene(Sequence[Obstacle]):
         return self._text
 
     def to_toml(self) -> str:
-        """The scene's file. Meshes are named by absolute paths."""
+        """The scene's file. Meshes of files are named by absolute paths, those of arrays written by their numbers."""
         return self._native.to_toml()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the scene's file (``.toml``). A file that is there already is replaced, by the whole new one or not at all."""
+        """Writes the scene's file (``.toml``). A file that is there already is replaced, by the whole new one or not at all.
+
+        Raises:
+            SceneError: For meshes of arrays with so many numbers that the file could not be read again: write those to STL files.
+        """
         file = Path(as_path(path, "path"))
         if file.suffix != ".toml":
             raise InputError(f"cannot write a scene to {file}; expected a name that ends in .toml")
-        write_whole(file, self.to_toml().encode())
+        text = self.to_toml().encode()
+        if len(text) > _LARGEST_FILE:
+            raise SceneError(
+                f"the scene's file would have {len(text)} bytes; expected {_LARGEST_FILE} at most: name large meshes by STL files"
+            )
+        write_whole(file, text)
 
     def __len__(self) -> int:
         return len(self._names)

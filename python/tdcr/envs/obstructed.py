@@ -11,7 +11,8 @@ from tdcr._arrays import Floats, as_count, as_number
 from tdcr.envs.tasks import Infos, Reach, Rngs, Task, Terms, norms
 from tdcr.envs.world import Observed, World
 from tdcr.errors import InputError
-from tdcr.scene import Obstacle, Scene
+from tdcr.obstacles import Obstacle
+from tdcr.scene import Scene
 
 _BALLS = (60, 110, 200)
 _TUBE = (200, 170, 90)

@@ -13,7 +13,7 @@ from tdcr.envs.obstructed import across, surroundings, widest
 from tdcr.envs.tasks import Infos, Reach, Rngs, Terms, norms
 from tdcr.envs.world import Observed, World
 from tdcr.errors import InputError
-from tdcr.scene import Obstacle
+from tdcr.obstacles import Obstacle
 
 _TABLE, _OBJECT = (200, 170, 90), (60, 110, 200)
 _TOP = 0.4

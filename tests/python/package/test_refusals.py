@@ -100,6 +100,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (
             tdcr.scene_vjp,
             {**batch, "by_positions": np.zeros((1, 10, 3)), "by_quaternions": None, "payload": None, "scene": SCENE},
+        (tdcr.Obstacle.mesh, {"name": "part", "vertices": np.eye(3), "triangles": [[0, 1, 2]], "scale": 1.0}),
         ),
         (tdcr.obstacle_jacobian, {**batch, "obstacle": "ball", "payload": None, "scene": SCENE, "on_failure": "raise"}),
         (tdcr.base_jacobian, {**batch, "payload": None, "wrench": None, "loads": None, "scene": SCENE}),
