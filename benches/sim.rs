@@ -8,7 +8,7 @@ use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr::sim::cloud::{Observer, VoxelGrid};
-use tdcr::sim::contact::{ContactLaw, ContactSettler, ContactStepper};
+use tdcr::sim::contact::{ContactSettler, ContactStepper};
 use tdcr::sim::dynamics::{
     Integrator, Lineariser, Rollout, State, StateCotangent, Stepper, rollout_gradient,
 };
@@ -216,7 +216,7 @@ fn touch_in_motion(criterion: &mut Criterion) {
         for (what, distance) in [("10 contacts or more", 0.0199), ("near, none", 0.03)] {
             let stepper = Stepper::new(&robot, 0.002, Integrator::SemiImplicitEuler)
                 .expect("a robot that can move");
-            let mut stepper = ContactStepper::new(stepper, &wall(distance), ContactLaw::default())
+            let mut stepper = ContactStepper::new(stepper, &wall(distance))
                 .expect("an integrator of first order");
             let start = State::straight(&robot);
             let mut state = start.clone();
@@ -286,8 +286,7 @@ fn touch_objects(criterion: &mut Criterion) {
             let stepper = Stepper::new(&robot, 0.002, Integrator::SemiImplicitEuler)
                 .expect("a robot that can move");
             let scene = blocks(mass, distance, friction);
-            let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default())
-                .expect("objects that can move");
+            let mut stepper = ContactStepper::new(stepper, &scene).expect("objects that can move");
             let command = robot.mean_command();
             let slack = Loads::default();
             let mut state = start.clone();

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use nalgebra::{Isometry3, Vector3};
 use tdcr::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
-use tdcr::sim::contact::{ContactLaw, ContactStepper};
+use tdcr::sim::contact::ContactStepper;
 use tdcr::sim::dynamics::{Integrator, State, Stepper};
 use tdcr::sim::robot::{Loads, Robot};
 use tdcr::sim::scene::{Obstacle, Scene};
@@ -49,7 +49,7 @@ pub fn run(path: &Path) -> Result<()> {
         ball.with_mass(0.01)?,
     ])?;
     let stepper = Stepper::new(&robot, STEP, Integrator::SemiImplicitEuler)?;
-    let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default())?;
+    let mut stepper = ContactStepper::new(stepper, &scene)?;
     let mut state = State::straight(&robot);
     let base = Vector3::from(robot.spec().base.position);
     let mut moments = Vec::new();

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use tdcr::sim::chain::Configuration;
 use tdcr::sim::contact::{Activity, Contact, ContactEquilibrium, Sliding};
 use tdcr::sim::robot::Command;
-use tdcr::sim::scene::SelfContact;
+use tdcr::sim::scene::{ContactLaw, SelfContact};
 
 use crate::arrays::{array, contiguous, flat_points, flat_quaternions, quaternions};
 use crate::errors::{Failure, Outcome};
@@ -123,8 +123,11 @@ impl Touched {
         scene: &tdcr::sim::scene::Scene,
         shape_error: f64,
     ) -> Self {
+        // Under MuJoCo's law surfaces do not give way by their compliance.
+        let is_compliant = matches!(scene.contact_law(), ContactLaw::Compliant { .. });
         let product = |contact: &Contact| {
             let compliance = match (contact.partner.obstacle(), scene.self_contact()) {
+                _ if !is_compliant => 0.0,
                 (Some(obstacle), _) => scene.obstacles()[obstacle].compliance,
                 (None, SelfContact::Touching { compliance }) => compliance,
                 (None, SelfContact::Ignored) => 0.0,

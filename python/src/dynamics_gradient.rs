@@ -7,7 +7,7 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use tdcr::sim::contact::{ContactLaw, ContactStepper};
+use tdcr::sim::contact::ContactStepper;
 use tdcr::sim::dynamics::{
     DynamicsError, Integrator, Lineariser, Rollout, State, StateCotangent, Stepper,
     rollout_gradient,
@@ -416,7 +416,7 @@ pub fn linearise<'py>(
         let mut lineariser = match scene {
             Some(scene) => {
                 let stepper = Stepper::new(robot, timestep, Integrator::SemiImplicitEuler)?;
-                ContactStepper::new(stepper, scene, ContactLaw::default())?.lineariser()?
+                ContactStepper::new(stepper, scene)?.lineariser()?
             }
             None => Lineariser::new(robot, timestep)?,
         };

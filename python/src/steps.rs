@@ -1,7 +1,7 @@
 //! How motions are computed: time step, integrator, frame skip.
 
 use pyo3::prelude::*;
-use tdcr::sim::contact::{ContactLaw, ContactStepper};
+use tdcr::sim::contact::ContactStepper;
 use tdcr::sim::dynamics::{DynamicsError, Integrator, Stepper};
 use tdcr::sim::robot::Robot;
 use tdcr::sim::scene::Scene;
@@ -54,7 +54,7 @@ impl Steps {
     /// A robot that moves in such steps among the obstacles of a scene.
     pub fn moving(self, robot: &Robot, scene: &Scene) -> Result<MovingRobot, DynamicsError> {
         let stepper = Stepper::new(robot, self.timestep, self.integrator)?;
-        let stepper = ContactStepper::new(stepper, scene, ContactLaw::default())?;
+        let stepper = ContactStepper::new(stepper, scene)?;
         Ok(MovingRobot::among(stepper, self.skip))
     }
 

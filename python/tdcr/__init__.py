@@ -17,6 +17,7 @@ from tdcr._train_options import TrainOptions
 from tdcr.bags import Bag, export_rosbag2
 from tdcr.collecting import collect, export_clouds, import_clouds, merge
 from tdcr.contact import Contacts
+from tdcr.contact_law import Compliant, Impedance
 from tdcr.data import Dataset, Normalisation, Sample, Split, data_view
 from tdcr.dynamics import Motion, Motions, State, rollout, simulate
 from tdcr.dynamics_gradient import (
@@ -34,23 +35,23 @@ from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
 from tdcr.objects import Hinge, Objects, Slider
-from tdcr.planning import Deployment, Plan, follow_the_leader, plan
 from tdcr.obstacles import Obstacle
+from tdcr.planning import Deployment, Plan, follow_the_leader, plan
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor, Reached
 from tdcr.recordings import RecordingCalibration, calibrate_recording
 from tdcr.rerun_logs import log_to_rerun
 from tdcr.rig import Rig
 from tdcr.robot import Robot
 from tdcr.robot_parameters import Parameter, Parameters, parameters
-from tdcr.scene import Obstacle, Scene
+from tdcr.scene import Scene
 from tdcr.scene_gradient import SceneGradients, base_jacobian, obstacle_jacobian, scene_vjp
 from tdcr.scoring import compare, evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.starting import new
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
+from tdcr.stiffness import smallest_stiffness
 from tdcr.stream import Stream
 from tdcr.studies import merge_study, study
-from tdcr.stiffness import smallest_stiffness
 from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
 from tdcr.tracking import Tracking, track
@@ -60,6 +61,7 @@ from tdcr.vision import Cloud, View, cloud, clouds, render
 __all__ = [
     "Bag",
     "Cloud",
+    "Compliant",
     "Contacts",
     "Dataset",
     "Deployment",
@@ -68,6 +70,7 @@ __all__ = [
     "ExtrapolationWarning",
     "FrictionPath",
     "Hinge",
+    "Impedance",
     "Linearisation",
     "Loads",
     "Motion",
@@ -142,11 +145,11 @@ __all__ = [
     "settle",
     "settle_batch",
     "simulate",
+    "smallest_stiffness",
     "study",
     "sweep",
     "threads",
     "track",
-    "smallest_stiffness",
     "train",
     "view",
     "vjp",

@@ -15,6 +15,7 @@ from tdcr._arrays import Floats, as_number, as_text
 from tdcr._dictionary import in_its_words
 from tdcr._files import as_path, write_whole
 from tdcr._results import is_row
+from tdcr.contact_law import ContactLaw, law_fields, law_of
 from tdcr.errors import InputError, SceneError
 from tdcr.obstacles import Obstacle, numbers_of
 
@@ -112,6 +113,21 @@ class Scene(Sequence[Obstacle]):
         except InputError as error:
             raise SceneError(str(error)) from None
         return Scene.from_json(json.dumps(json.loads(self._text) | {"self_contact": own}))
+
+    @property
+    def contact_law(self) -> ContactLaw:
+        """How contacts push in motion: a :class:`Compliant` or an :class:`Impedance`. At rest surfaces give way by their
+        compliance under either."""
+        return law_of(json.loads(self._text).get("contact_law"))
+
+    def with_contact_law(self, law: ContactLaw) -> Scene:
+        """This scene with contacts that push so in motion.
+
+        Raises:
+            InputError: For what is no law.
+            SceneError: For a relaxation time outside of 0 to 1 s, and parameters that MuJoCo's contacts cannot have.
+        """
+        return Scene.from_json(json.dumps(json.loads(self._text) | {"contact_law": law_fields(law)}))
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:

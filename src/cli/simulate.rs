@@ -11,7 +11,7 @@ use serde::Serialize;
 use tdcr::base::files::AtomicFile;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
-use tdcr::sim::contact::{ContactLaw, ContactStepper};
+use tdcr::sim::contact::ContactStepper;
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, Servos, State, Stepper};
 use tdcr::sim::robot::Robot;
 use tdcr::sim::scene::Scene;
@@ -165,7 +165,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     let scene = args.scene.load()?;
     let touches = !scene.is_empty();
     let stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
-    let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default())?;
+    let mut stepper = ContactStepper::new(stepper, &scene)?;
     // Before the motion, as not every robot and scene has one.
     let mut lineariser = match (&args.linearise, touches) {
         (None, _) => None,

@@ -6,7 +6,7 @@
 use std::time::{Duration, Instant};
 
 use tdcr_sim::chain::Configuration;
-use tdcr_sim::contact::{Contact, ContactLaw, ContactSettler, ContactStepper};
+use tdcr_sim::contact::{Contact, ContactSettler, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::pose::Pose;
 use tdcr_sim::robot::{Command, Loads, Robot, RobotSpec};
@@ -192,7 +192,7 @@ impl Motion {
     ) -> Result<Self, SimulationError> {
         let begin = |integrator| {
             let stepper = Stepper::new(robot, timestep, integrator)?;
-            let stepper = ContactStepper::new(stepper, scene, ContactLaw::default())?;
+            let stepper = ContactStepper::new(stepper, scene)?;
             let mut moving = MovingRobot::among(stepper, 1);
             moving.reset(command, loads)?;
             Ok(moving)

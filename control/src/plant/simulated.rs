@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::cloud::VoxelGrid;
-use tdcr_sim::contact::{ContactLaw, ContactSettler, ContactStepper};
+use tdcr_sim::contact::{ContactSettler, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Stepper};
 use tdcr_sim::inverse::recording::{Marker, Servo};
 use tdcr_sim::robot::{
@@ -316,8 +316,8 @@ fn simulation(
                 });
             }
             let stepper = Stepper::new(robot, period / steps, Integrator::ImplicitEuler)?;
-            let stepper = ContactStepper::new(stepper, &truth.scene, ContactLaw::default())
-                .map_err(SimulationError::from)?;
+            let stepper =
+                ContactStepper::new(stepper, &truth.scene).map_err(SimulationError::from)?;
             Box::new(MovingRobot::among(stepper, steps as usize))
         }
     })

@@ -5,7 +5,7 @@
 //! `T` follows the spool. The robot is solved again where a tension would change by more than [`TENSION_STEP`] for it, and
 //! before anybody looks. Among the obstacles of a scene it settles, or moves, in contact with them.
 
-use tdcr_sim::contact::{ContactLaw, ContactSettler, ContactStepper};
+use tdcr_sim::contact::{ContactSettler, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Stepper};
 use tdcr_sim::pose::Pose;
 use tdcr_sim::render::{BaseVisibility, Visuals};
@@ -143,7 +143,7 @@ impl Plant {
             Physics::WithFriction { .. } => (Box::new(ContactPath::new(&robot, scene)), None),
             Physics::InMotion { timestep, .. } => {
                 let stepper = Stepper::new(&robot, timestep, Integrator::ImplicitEuler)?;
-                let stepper = ContactStepper::new(stepper, scene, ContactLaw::default())?;
+                let stepper = ContactStepper::new(stepper, scene)?;
                 let moving = MovingRobot::among(stepper, 1);
                 (Box::new(moving), Some((timestep, 0.0)))
             }

@@ -2,7 +2,7 @@
 
 use tdcr::control::plan::Insertion;
 use tdcr::sim::chain::Configuration;
-use tdcr::sim::contact::{ContactLaw, ContactSettler, ContactStepper};
+use tdcr::sim::contact::{ContactSettler, ContactStepper};
 use tdcr::sim::dynamics::{Integrator, State, Stepper};
 use tdcr::sim::robot::{Command, Frame, Loads, Payload, Robot, Wrench};
 use tdcr::sim::scene::Scene;
@@ -76,7 +76,7 @@ impl Row {
             }
             Some(Motion { timestep, steps }) => {
                 let stepper = Stepper::new(robot, timestep, integrator)?;
-                let stepper = ContactStepper::new(stepper, scene, ContactLaw::default())?;
+                let stepper = ContactStepper::new(stepper, scene)?;
                 let moving = MovingRobot::among(stepper, steps);
                 (Driven::InMotion(Box::new(moving)), timestep * steps as f64)
             }

@@ -29,7 +29,7 @@ mod soften;
 mod stability;
 mod touching;
 
-pub use motion::{ContactLaw, ContactStepper, Impedance};
+pub use motion::ContactStepper;
 pub use sensitivity::{ContactSensitivity, ObstacleGradient, SceneGradient};
 pub use settler::ContactSettler;
 pub(crate) use touching::Touching;

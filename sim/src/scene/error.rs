@@ -73,6 +73,16 @@ pub enum SceneError {
         /// The compliance found (m/N).
         compliance: f64,
     },
+    /// Contacts cannot push so.
+    #[error("`contact_law.{field}` is {value}; expected {expected}")]
+    ContactLaw {
+        /// The field's path below `contact_law`.
+        field: &'static str,
+        /// The value found.
+        value: String,
+        /// What would be right.
+        expected: &'static str,
+    },
     /// There is no such shape.
     #[error("{obstacle}: {source}")]
     Shape {

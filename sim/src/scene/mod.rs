@@ -21,6 +21,7 @@
 
 mod checks;
 mod compile;
+mod contact_law;
 mod distance;
 mod error;
 mod joint_spec;
@@ -32,6 +33,7 @@ mod spec;
 mod whole;
 
 pub use compile::ObstacleShape;
+pub use contact_law::{ContactLaw, Impedance};
 pub use error::SceneError;
 pub use joint_spec::{HingeSpec, JointSpec, SliderSpec};
 pub use nearest::Nearest;
@@ -49,12 +51,14 @@ use error::called;
 /// Most obstacles of a scene: pictures label each by a number of its own.
 const MOST_OBSTACLES: usize = 10_000;
 
-/// Obstacles around a robot, valid and with names of their own, and whether the robot touches itself. Clones share the obstacles.
+/// Obstacles around a robot, valid and with names of their own, whether the robot touches itself, and how contacts push in motion.
+/// Clones share the obstacles.
 /// The default is the scene in which nothing is touched.
 #[derive(Clone, Debug)]
 pub struct Scene {
     obstacles: Arc<[Obstacle]>,
     self_contact: SelfContact,
+    contact_law: ContactLaw,
 }
 
 impl Default for Scene {
@@ -62,6 +66,7 @@ impl Default for Scene {
         Self {
             obstacles: Arc::default(),
             self_contact: SelfContact::Ignored,
+            contact_law: ContactLaw::default(),
         }
     }
 }
@@ -81,6 +86,7 @@ impl Scene {
         Ok(Self {
             obstacles: obstacles.into(),
             self_contact: SelfContact::default(),
+            contact_law: ContactLaw::default(),
         })
     }
 
@@ -91,6 +97,7 @@ impl Scene {
     pub fn with_obstacles(&self, obstacles: Vec<Obstacle>) -> Result<Self, SceneError> {
         Ok(Self {
             self_contact: self.self_contact,
+            contact_law: self.contact_law,
             ..Self::new(obstacles)?
         })
     }
@@ -103,6 +110,18 @@ impl Scene {
         self_contact.check()?;
         Ok(Self {
             self_contact,
+            ..self
+        })
+    }
+
+    /// The same scene with contacts that push so in motion.
+    ///
+    /// # Errors
+    /// [`SceneError::ContactLaw`] for a relaxation time outside of 0 to 1 s, and parameters that MuJoCo's contacts cannot have.
+    pub fn with_contact_law(self, contact_law: ContactLaw) -> Result<Self, SceneError> {
+        contact_law.check()?;
+        Ok(Self {
+            contact_law,
             ..self
         })
     }
@@ -124,8 +143,9 @@ impl Scene {
         let scene = Self {
             obstacles: obstacles.collect::<Result<_, _>>()?,
             self_contact: SelfContact::default(),
+            contact_law: ContactLaw::default(),
         };
-        scene.with_self_contact(spec.self_contact)
+        (scene.with_self_contact(spec.self_contact)?).with_contact_law(spec.contact_law)
     }
 
     /// The obstacles, by their numbers.
@@ -149,6 +169,11 @@ impl Scene {
         self.self_contact
     }
 
+    /// How contacts push in motion.
+    pub fn contact_law(&self) -> ContactLaw {
+        self.contact_law
+    }
+
     /// The number of the obstacle with a name; `None` if there is none.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.obstacles
@@ -167,6 +192,7 @@ impl Scene {
         Ok(SceneSpec {
             obstacles: obstacles.collect::<Result<_, _>>()?,
             self_contact: self.self_contact,
+            contact_law: self.contact_law,
         })
     }
 }

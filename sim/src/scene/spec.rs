@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SceneError;
 use super::checks::is_compliance;
+use super::contact_law::ContactLaw;
 use super::error::{called, refuse};
 use super::joint_spec::JointSpec;
 use super::shape_spec::{
@@ -27,6 +28,8 @@ pub struct SceneSpec {
     pub obstacles: Vec<ObstacleSpec>,
     /// Whether the robot touches itself.
     pub self_contact: SelfContact,
+    /// How contacts push in motion.
+    pub contact_law: ContactLaw,
 }
 
 /// Whether discs of a robot touch each other. Neighbours never do: those of the paper's robots overlap wherever the robot bends.
@@ -113,6 +116,8 @@ pub(super) struct SceneInFile {
     // A value, so that it is written before the tables.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     self_contact: Option<SelfContactInFile>,
+    #[serde(default, skip_serializing_if = "is_usual")]
+    contact_law: ContactLaw,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     obstacle: Vec<ObstacleInFile>,
 }
@@ -186,6 +191,7 @@ impl TryFrom<SceneInFile> for SceneSpec {
         Ok(Self {
             obstacles: obstacles.collect::<Result<_, _>>()?,
             self_contact: (file.self_contact).map_or(SelfContact::default(), Into::into),
+            contact_law: file.contact_law,
         })
     }
 }
@@ -296,6 +302,7 @@ impl From<SceneSpec> for SceneInFile {
         let own = spec.self_contact;
         Self {
             self_contact: (own != SelfContact::default()).then(|| own.into()),
+            contact_law: spec.contact_law,
             obstacle: spec.obstacles.into_iter().map(Into::into).collect(),
         }
     }
@@ -371,6 +378,10 @@ fn upright() -> [f64; 4] {
 
 fn is_upright(orientation: &[f64; 4]) -> bool {
     *orientation == upright()
+}
+
+fn is_usual(law: &ContactLaw) -> bool {
+    *law == ContactLaw::default()
 }
 
 fn is_origin(position: &[f64; 3]) -> bool {

@@ -3,7 +3,7 @@
 use nalgebra::UnitQuaternion;
 
 use super::{Simulation, SimulationError, check, settled};
-use crate::contact::{Contact, ContactLaw, ContactSettler, ContactStepper};
+use crate::contact::{Contact, ContactSettler, ContactStepper};
 use crate::dynamics::{DynamicsError, Integrator, Servos, State, Stepper};
 use crate::objects::ObjectState;
 use crate::pose::Pose;
@@ -55,7 +55,7 @@ impl MovingRobot {
         steps: usize,
     ) -> Result<Self, DynamicsError> {
         let stepper = Stepper::new(robot, timestep, integrator)?;
-        let stepper = ContactStepper::new(stepper, &Scene::default(), ContactLaw::default())?;
+        let stepper = ContactStepper::new(stepper, &Scene::default())?;
         Ok(Self::among(stepper, steps))
     }
 

@@ -8,14 +8,15 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::super::law::by_compliance;
+use super::ContactStepper;
 use super::touch::{Name, STICK, Touch};
-use super::{ContactLaw, ContactStepper};
 use crate::dynamics::{
     DynamicsError, Integrator, Lineariser, OppositePush, Push, PushingObstacle, Rollout,
     RolloutDirection, RolloutGradient, State, StateCotangent, StateTangent, StepAdjoint,
     Surroundings, gradient_by, tangent_by,
 };
 use crate::robot::{Command, Loads, Parameter};
+use crate::scene::ContactLaw;
 
 impl ContactStepper {
     /// The gradient of a cost of a motion among obstacles: as [`rollout_gradient`](crate::dynamics::rollout_gradient) has it, whose arguments
@@ -77,11 +78,12 @@ impl ContactStepper {
         if !self.objects.are_none() {
             return refused("motions of objects", "obstacles without a mass");
         }
-        match self.law {
+        match self.scene.contact_law() {
             ContactLaw::Compliant { .. } => Ok(()),
-            ContactLaw::Impedance(_) => {
-                refused("contacts under MuJoCo's law", "`ContactLaw::Compliant`")
-            }
+            ContactLaw::Impedance(_) => refused(
+                "contacts under MuJoCo's law",
+                "a scene whose contact law is compliant",
+            ),
         }
     }
 
@@ -108,7 +110,7 @@ impl ContactStepper {
     /// # Errors
     /// [`DynamicsError::NotDifferentiable`] for one that nothing is near to.
     fn add_pushes(&self, pushes: &mut Vec<Push>) -> Result<(), DynamicsError> {
-        let ContactLaw::Compliant { relaxation } = self.law else {
+        let ContactLaw::Compliant { relaxation } = self.scene.contact_law() else {
             return Ok(());
         };
         let time = self.stepper.timestep() + relaxation;

@@ -5,10 +5,11 @@ use nalgebra::Vector3;
 use super::super::Partner;
 use super::super::near::Near;
 use super::ContactStepper;
-use super::law::{ContactLaw, Push};
+use super::law::Push;
 use super::problem::Problem;
 use super::touch::{Name, Opposite, Side, Touch};
 use crate::objects::Body;
+use crate::scene::ContactLaw;
 
 impl ContactStepper {
     /// Sets the contacts of the problem to those of the beads that are near.
@@ -39,7 +40,9 @@ impl ContactStepper {
     /// Adds the beads of discs that are near each other, which touch without friction.
     fn add_pairs(&mut self) {
         let h = self.stepper.timestep();
-        let (Some(own), ContactLaw::Compliant { relaxation }) = (&self.own, self.law) else {
+        let (Some(own), ContactLaw::Compliant { relaxation }) =
+            (&self.own, self.scene.contact_law())
+        else {
             return;
         };
         let centres = &self.centres;
@@ -84,7 +87,7 @@ impl ContactStepper {
         let obstacle = &self.scene.obstacles()[near.obstacle];
         let normal = near.normal.try_normalize(0.0)?;
         let arm = near.arm - normal * (near.gap + near.bead.radius);
-        let (push, friction) = match self.law {
+        let (push, friction) = match self.scene.contact_law() {
             ContactLaw::Compliant { relaxation } => {
                 let push = Push::compliant(near.gap, obstacle.compliance, relaxation, h);
                 (push, obstacle.friction)

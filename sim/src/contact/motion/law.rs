@@ -4,30 +4,11 @@
 //! part at the end of the step (m/s). The inertance `k` (kg) and the speed `s` are the law's.
 
 use super::super::law::STIFFEST;
+use crate::scene::{ContactLaw, Impedance};
 
 /// Smallest and largest impedance (MuJoCo's `mjMINIMP`, `mjMAXIMP`), and what counts as 0 there (`mjMINVAL`).
 const IMPEDANCES: [f64; 2] = [1e-4, 0.9999];
 const SMALLEST: f64 = 1e-15;
-
-/// How contacts push in motion.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ContactLaw {
-    /// A spring of the obstacle's compliance `C` (m/N) beside a damper: `f = max(0, -(g + relaxation dg/dt) / C)` with the gap `g` of
-    /// the undeformed surfaces at the end of the step. At rest that is what [`ContactSettler`](crate::contact::ContactSettler) finds.
-    /// Friction is that of the obstacles.
-    Compliant {
-        /// Time in which a pressed surface comes back (s), 0 or more.
-        relaxation: f64,
-    },
-    /// MuJoCo's law, without friction (`condim` 1) and without a margin, whatever the obstacles' compliance and friction.
-    Impedance(Impedance),
-}
-
-impl Default for ContactLaw {
-    fn default() -> Self {
-        Self::Compliant { relaxation: 1e-3 }
-    }
-}
 
 impl ContactLaw {
     /// Time ahead of touching in which a contact pushes already (s).
@@ -35,24 +16,6 @@ impl ContactLaw {
         match self {
             Self::Compliant { relaxation } => *relaxation,
             Self::Impedance(_) => 0.0,
-        }
-    }
-}
-
-/// Parameters of MuJoCo's contacts (its documentation, Modeling: Solver parameters). The default is MuJoCo's.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Impedance {
-    /// `solref`: time constant (s) and damping ratio, both above 0. A time constant counts as two time steps at least.
-    pub reference: [f64; 2],
-    /// `solimp`: the impedance at no overlap and at the width; the width (m); midpoint and power of the curve between.
-    pub curve: [f64; 5],
-}
-
-impl Default for Impedance {
-    fn default() -> Self {
-        Self {
-            reference: [0.02, 1.0],
-            curve: [0.9, 0.95, 0.001, 0.5, 2.0],
         }
     }
 }
@@ -84,9 +47,9 @@ impl Impedance {
         let impedance = self.at(gap);
         let regularisation = ((1.0 - impedance) / impedance * mobility).max(SMALLEST);
         // The reference acceleration is that of a damped spring.
-        let highest = self.curve[1].clamp(IMPEDANCES[0], IMPEDANCES[1]);
-        let time = self.reference[0].max(2.0 * timestep);
-        let ratio = self.reference[1];
+        let highest = self.solimp[1].clamp(IMPEDANCES[0], IMPEDANCES[1]);
+        let time = self.solref[0].max(2.0 * timestep);
+        let ratio = self.solref[1];
         let stiffness = 1.0 / (highest * time * ratio).powi(2).max(SMALLEST);
         let damping = 2.0 / (highest * time).max(SMALLEST);
         let acceleration = -damping * speed - stiffness * impedance * gap;
@@ -98,7 +61,7 @@ impl Impedance {
 
     /// The impedance at a gap.
     fn at(&self, gap: f64) -> f64 {
-        let [first, last, width, middle, power] = self.curve;
+        let [first, last, width, middle, power] = self.solimp;
         let clamp = |value: f64| value.clamp(IMPEDANCES[0], IMPEDANCES[1]);
         let (first, last, middle) = (clamp(first), clamp(last), clamp(middle));
         let (width, power) = (width.max(0.0), power.max(1.0));

@@ -16,8 +16,6 @@ mod response;
 mod start;
 mod touch;
 
-pub use law::{ContactLaw, Impedance};
-
 use nalgebra::Vector3;
 
 use self::objects::Objects;
@@ -35,7 +33,7 @@ use crate::dynamics::{
 };
 use crate::geometry::Beads;
 use crate::robot::{Command, Loads, Robot};
-use crate::scene::{Scene, SelfContact};
+use crate::scene::{ContactLaw, Scene, SelfContact};
 
 /// Gap within which contacts count in any step, as a share of that at rest.
 const LEAST: f64 = 0.02;
@@ -53,7 +51,7 @@ const LARGE: f64 = 10.0;
 /// [`objects`]: Self::objects
 ///
 /// ```
-/// use tdcr_sim::contact::{ContactLaw, ContactStepper};
+/// use tdcr_sim::contact::ContactStepper;
 /// use tdcr_sim::dynamics::{Integrator, State, Stepper};
 /// use tdcr_sim::robot::{Loads, Robot};
 /// use tdcr_sim::scene::{Obstacle, Scene};
@@ -62,7 +60,7 @@ const LARGE: f64 = 10.0;
 /// let post = Obstacle::cylinder("post", 0.01, 0.4)?.at([-0.06, 0.0, 0.25]);
 /// let scene = Scene::new(vec![post])?;
 /// let stepper = Stepper::new(&robot, 0.002, Integrator::SemiImplicitEuler)?;
-/// let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default())?;
+/// let mut stepper = ContactStepper::new(stepper, &scene)?;
 /// let mut state = State::straight(&robot);
 /// let command = robot.command(&[0.034, 0.007, 0.001, 0.026, 0.015, 0.019])?;
 /// for _ in 0..1_000 {
@@ -77,7 +75,6 @@ pub struct ContactStepper {
     stepper: Stepper,
     scene: Scene,
     beads: Beads,
-    law: ContactLaw,
     /// Gap within which contacts count at rest (m).
     reach: f64,
     /// Of each disc, inverse inertance of its centre of mass in the straight pose (1/kg).
@@ -111,9 +108,9 @@ struct OwnContacts {
 
 impl OwnContacts {
     /// Of a robot that touches itself in a scene, under a law that knows of that.
-    fn new(robot: &Robot, scene: &Scene, law: ContactLaw, beads: &Beads) -> Option<Self> {
+    fn new(robot: &Robot, scene: &Scene, beads: &Beads) -> Option<Self> {
         let (SelfContact::Touching { compliance }, ContactLaw::Compliant { .. }) =
-            (scene.self_contact(), law)
+            (scene.self_contact(), scene.contact_law())
         else {
             return None;
         };
@@ -125,15 +122,15 @@ impl OwnContacts {
 }
 
 impl ContactStepper {
-    /// Steps of `stepper` among the obstacles of `scene`, with the collision geometry [`Beads::new`].
+    /// Steps of `stepper` among the obstacles of `scene`, with contacts that push by its [`contact_law`](Scene::contact_law), and the collision geometry [`Beads::new`].
     ///
     /// # Errors
     /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles;
     /// [`DynamicsError::InFluid`] for a fluid and [`ContactLaw::Impedance`]; [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are; [`DynamicsError::Objects`] for
     /// objects that cannot move.
-    pub fn new(stepper: Stepper, scene: &Scene, law: ContactLaw) -> Result<Self, DynamicsError> {
+    pub fn new(stepper: Stepper, scene: &Scene) -> Result<Self, DynamicsError> {
         let beads = Beads::new(stepper.robot());
-        Self::with_beads(stepper, scene, law, beads)
+        Self::with_beads(stepper, scene, beads)
     }
 
     /// The same with other collision geometry of the robot.
@@ -143,18 +140,17 @@ impl ContactStepper {
     pub fn with_beads(
         mut stepper: Stepper,
         scene: &Scene,
-        law: ContactLaw,
         beads: Beads,
     ) -> Result<Self, DynamicsError> {
         let n = stepper.robot().discs().len();
         let mut mobilities = Vec::new();
-        let own = OwnContacts::new(stepper.robot(), scene, law, &beads);
+        let own = OwnContacts::new(stepper.robot(), scene, &beads);
         if !scene.obstacles().is_empty() || own.is_some() {
             stepper.check_reacting()?;
             if let Some(tendon) = stepper.first_held() {
                 return Err(DynamicsError::Inextensible { tendon });
             }
-            if let ContactLaw::Impedance(_) = law {
+            if let ContactLaw::Impedance(_) = scene.contact_law() {
                 if stepper.robot().spec().fluid.is_some() {
                     return Err(DynamicsError::InFluid);
                 }
@@ -172,7 +168,6 @@ impl ContactStepper {
             stepper,
             scene: scene.clone(),
             beads,
-            law,
             mobilities,
             objects,
             neighbourhood: Neighbourhood::default(),
@@ -207,11 +202,6 @@ impl ContactStepper {
     /// The robot's collision geometry.
     pub fn beads(&self) -> &Beads {
         &self.beads
-    }
-
-    /// How contacts push.
-    pub fn law(&self) -> ContactLaw {
-        self.law
     }
 
     /// What the robot touched in the last step, by obstacles and discs: the mean forces over the step, at the points where they acted at
@@ -301,7 +291,7 @@ impl ContactStepper {
         loads: &Loads,
     ) -> Result<Energy, DynamicsError> {
         let mut energy = self.stepper.energy(state, command, loads)?;
-        if let ContactLaw::Compliant { .. } = self.law {
+        if let ContactLaw::Compliant { .. } = self.scene.contact_law() {
             let chain = &self.stepper.posture().chain;
             let (beads, scene) = (&self.beads, &self.scene);
             self.neighbourhood.find(beads, scene, chain, self.reach);
@@ -347,7 +337,7 @@ impl ContactStepper {
 
     /// What the velocities are found with. MuJoCo finds the forces with the inertias alone, and then takes the step with them.
     fn resistance(&self) -> Resistance {
-        match self.law {
+        match self.scene.contact_law() {
             ContactLaw::Compliant { .. } => Resistance::Step,
             ContactLaw::Impedance(_) => Resistance::Inertia,
         }
@@ -356,7 +346,7 @@ impl ContactStepper {
     /// Finds the contacts of the step that was begun, and what they change the rates by.
     fn touch(&mut self, loads: &Loads) -> Result<(), DynamicsError> {
         // A damper pushes a bead that would touch within its relaxation time.
-        let window = self.stepper.timestep() + self.law.relaxation();
+        let window = self.stepper.timestep() + self.scene.contact_law().relaxation();
         self.centres.clear();
         let chain = &self.stepper.posture().chain;
         self.centres.extend_from_slice(&chain.centres);

@@ -4,7 +4,7 @@ use super::write::{Attribute, XmlWriter, number, numbers, quaternion, rgba, vect
 use crate::contact::ContactSettler;
 use crate::geometry::{Kind, Triangles};
 use crate::robot::Robot;
-use crate::scene::{JointSpec, Obstacle, ObstacleShape, Scene};
+use crate::scene::{ContactLaw, JointSpec, Obstacle, ObstacleShape, Scene};
 
 /// Default classes of obstacles and of what a robot touches with.
 pub(super) const OBSTACLE: &str = "obstacle";
@@ -35,7 +35,8 @@ pub fn scene_notes(scene: &Scene) -> Vec<String> {
         };
         notes.push(format!("obstacle `{}`: {text}", obstacle.name));
     }
-    if !scene.is_empty() {
+    let is_compliant = matches!(scene.contact_law(), ContactLaw::Compliant { .. });
+    if !scene.is_empty() && is_compliant {
         notes.push(
             "surfaces give way by MuJoCo's solref and solimp, in proportion to the inertia of what they touch, and not by a \
              compliance"
@@ -78,18 +79,33 @@ impl<'a> Touching<'a> {
         }
     }
 
+    /// Whether the scene's contacts push by MuJoCo's law, under which there is no friction, and discs do not touch each other.
+    fn is_mujocos(&self) -> bool {
+        matches!(self.scene.contact_law(), ContactLaw::Impedance(_))
+    }
+
+    /// For each disc the first above it that it touches: [`ContactSettler::touchable`].
+    fn touchable(&self) -> Option<&[usize]> {
+        let settler = self.settler.as_ref().filter(|_| !self.is_mujocos());
+        settler.and_then(ContactSettler::touchable)
+    }
+
     /// Classes of what touches: bits 1 of beads and 2 of obstacles, each touching the other, and beads each other where the robot
     /// touches itself.
     pub fn write_defaults(&self, xml: &mut XmlWriter, timestep: f64) {
-        let Some(settler) = &self.settler else {
+        if self.settler.is_none() {
             return;
-        };
-        let own = if settler.touchable().is_some() { 3 } else { 2 };
+        }
+        let own = if self.touchable().is_some() { 3 } else { 2 };
         let text = |value: &str| value.to_owned();
-        let solver = [
-            ("solref", numbers(&[TIME_STEPS * timestep, 1.0])),
-            ("solimp", text("0.99 0.999 0.0001")),
-        ];
+        let (solref, solimp) = match self.scene.contact_law() {
+            ContactLaw::Compliant { .. } => (
+                numbers(&[TIME_STEPS * timestep, 1.0]),
+                text("0.99 0.999 0.0001"),
+            ),
+            ContactLaw::Impedance(law) => (numbers(&law.solref), numbers(&law.solimp)),
+        };
+        let solver = [("solref", solref), ("solimp", solimp)];
         let bits = |contype: u32, conaffinity: u32| {
             [
                 ("contype", contype.to_string()),
@@ -238,7 +254,7 @@ impl<'a> Touching<'a> {
             (if kind == "mesh" { "mesh" } else { "size" }, size),
             ("rgba", rgba(obstacle.color)),
         ];
-        if obstacle.friction > 0.0 {
+        if obstacle.friction > 0.0 && !self.is_mujocos() {
             attributes.push(("condim", "3".to_owned()));
             attributes.push(("friction", numbers(&[obstacle.friction, 0.0, 0.0])));
         }
@@ -274,7 +290,7 @@ impl<'a> Touching<'a> {
 
     /// The discs that do not touch each other, but for those on each other, which MuJoCo excludes by itself.
     pub fn write_exclusions(&self, xml: &mut XmlWriter) {
-        let Some(first) = self.settler.as_ref().and_then(ContactSettler::touchable) else {
+        let Some(first) = self.touchable() else {
             return;
         };
         let pairs =

@@ -15,7 +15,7 @@ use super::mass::{Shape, read_shape};
 use super::stage::Stage;
 use crate::formats::{ImportError, Note};
 use crate::geometry::{Kind, Triangles};
-use crate::scene::{ObstacleSpec, Scene, SceneSpec, SelfContact, ShapeSpec};
+use crate::scene::{ContactLaw, ObstacleSpec, Scene, SceneSpec, SelfContact, ShapeSpec};
 
 /// Colour of geoms that have none.
 const RGBA: [f64; 4] = [0.5, 0.5, 0.5, 1.0];
@@ -83,6 +83,7 @@ fn read_scene(document: &Document, folder: Option<&Path>) -> Result<ImportedScen
         return Ok(model.finish(SceneSpec {
             obstacles: Vec::new(),
             self_contact: SelfContact::Ignored,
+            contact_law: ContactLaw::default(),
         }));
     }
     let spec = model.spec()?;
@@ -224,6 +225,7 @@ impl<'a> Model<'a> {
                 true => SelfContact::default(),
                 false => SelfContact::Ignored,
             },
+            contact_law: ContactLaw::default(),
         })
     }
 

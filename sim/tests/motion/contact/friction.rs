@@ -1,7 +1,7 @@
 //! Friction of obstacles: a joint whose tip is pressed against a ceiling, and pushed along it.
 
 use nalgebra::Vector3;
-use tdcr_sim::contact::{ContactLaw, ContactStepper};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::geometry::{Bead, Beads};
 use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec, Wrench};
@@ -64,8 +64,7 @@ fn push(force: f64, seconds: f64, integrator: Integrator) -> (ContactStepper, St
     let slack = robot.command(&[1.0; 3]).unwrap();
     let stepper = Stepper::new(&robot, 1e-3, integrator).unwrap();
     let beads = Beads::of(&robot, [bead]);
-    let law = ContactLaw::default();
-    let mut stepper = ContactStepper::with_beads(stepper, &scene, law, beads).unwrap();
+    let mut stepper = ContactStepper::with_beads(stepper, &scene, beads).unwrap();
     let mut state = State::straight(&robot);
     for _ in 0..(seconds / 1e-3) as usize {
         stepper.step(&mut state, &slack, &loads).unwrap();
@@ -122,7 +121,7 @@ fn friction_of_any_coefficient_is_within_its_cone_or_the_step_is_refused() {
             .unwrap();
         let scene = Scene::new(vec![wall]).unwrap();
         let stepper = Stepper::new(&robot, 2e-3, Integrator::SemiImplicitEuler).unwrap();
-        let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default()).unwrap();
+        let mut stepper = ContactStepper::new(stepper, &scene).unwrap();
         let mut state = State::straight(&robot);
         let (mut touched, mut refused) = (0, false);
         for step in 0..400 {

@@ -8,14 +8,14 @@ mod rest;
 mod scenes;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use tdcr_sim::contact::{ContactLaw, ContactStepper};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
 use tdcr_sim::robot::Robot;
 use tdcr_sim::scene::Scene;
 
 fn among(robot: &Robot, scene: &Scene, h: f64, integrator: Integrator) -> ContactStepper {
     let stepper = Stepper::new(robot, h, integrator).unwrap();
-    ContactStepper::new(stepper, scene, ContactLaw::default()).unwrap()
+    ContactStepper::new(stepper, scene).unwrap()
 }
 
 /// Orientation of each disc in the world.

@@ -3,10 +3,10 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::contact::{ContactLaw, ContactSettler, ContactStepper, Impedance};
+use tdcr_sim::contact::{ContactSettler, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::robot::{Loads, Robot};
-use tdcr_sim::scene::{Obstacle, Scene};
+use tdcr_sim::scene::{ContactLaw, Impedance, Obstacle, Scene};
 
 use super::scenes::scene;
 use super::{among, orientations};
@@ -66,7 +66,7 @@ fn integrators_of_higher_order_are_refused_among_obstacles() {
     let robot = Robot::load("2m").unwrap();
     for integrator in [Integrator::RungeKutta4, Integrator::ImplicitMidpoint] {
         let stepper = Stepper::new(&robot, 2e-3, integrator).unwrap();
-        let refused = ContactStepper::new(stepper, &post(), ContactLaw::default()).unwrap_err();
+        let refused = ContactStepper::new(stepper, &post()).unwrap_err();
         assert_eq!(refused, DynamicsError::NotAmongObstacles { integrator });
     }
 }
@@ -211,8 +211,9 @@ fn contact_forces_are_the_change_of_momentum() {
         ContactLaw::default(),
         ContactLaw::Impedance(Impedance::default()),
     ] {
+        let scene = rough.clone().with_contact_law(law).unwrap();
         let new = || Stepper::new(&robot, h, Integrator::SemiImplicitEuler).unwrap();
-        let (mut free, mut stepper) = (new(), ContactStepper::new(new(), &rough, law).unwrap());
+        let (mut free, mut stepper) = (new(), ContactStepper::new(new(), &scene).unwrap());
         let mut state = State::straight(&robot);
         let mut compared = 0;
         for _ in 0..400 {

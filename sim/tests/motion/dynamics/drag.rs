@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::contact::{ContactLaw, ContactStepper};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::robot::{Backbone, Fluid, Frame, Loads, PerDisc, Robot, RobotSpec, Routing, Wrench};
 use tdcr_sim::scene::{Obstacle, Scene};
@@ -128,7 +128,7 @@ fn a_robot_far_from_obstacles_moves_as_without_a_scene_and_the_rest_is_refused()
     let far = Obstacle::sphere("far", 0.1).unwrap().at([10.0, 0.0, 0.0]);
     let scene = Scene::new(vec![far]).unwrap();
     let stepper = Stepper::new(&robot, 0.002, Integrator::SemiImplicitEuler).unwrap();
-    let mut among = ContactStepper::new(stepper.clone(), &scene, ContactLaw::default()).unwrap();
+    let mut among = ContactStepper::new(stepper.clone(), &scene).unwrap();
     let (mut alone, command) = (stepper, robot.mean_command());
     let mut states = [State::straight(&robot), State::straight(&robot)];
     let push = Wrench {

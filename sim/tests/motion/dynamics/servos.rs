@@ -1,6 +1,6 @@
 //! Servos: commanded lengths, lag, rate and limits of force.
 
-use tdcr_sim::contact::{ContactLaw, ContactStepper};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Lineariser, Rollout, State, Stepper};
 use tdcr_sim::robot::{
     Backbone, Command, Drive, Fluid, Loads, PerDisc, Pull, Robot, RobotSpec, ServoSpec,
@@ -223,6 +223,6 @@ fn among_obstacles_commanded_lengths_are_refused() {
     let robot = driven(Drive::Length, [0.0, 0.2], Pull::TensionOnly, None);
     let stepper = Stepper::new(&robot, 0.002, Integrator::ImplicitEuler).unwrap();
     let ground = Scene::new(vec![Obstacle::half_space("ground")]).unwrap();
-    let refused = ContactStepper::new(stepper, &ground, ContactLaw::default()).unwrap_err();
+    let refused = ContactStepper::new(stepper, &ground).unwrap_err();
     assert_eq!(refused, DynamicsError::Inextensible { tendon: 0 });
 }

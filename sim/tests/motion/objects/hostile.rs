@@ -3,7 +3,7 @@
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::contact::{ContactLaw, ContactStepper};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::geometry::Shape;
 use tdcr_sim::objects::ObjectError;
@@ -76,7 +76,7 @@ fn random_scenes(seeds: std::ops::Range<u64>) -> (usize, usize) {
         obstacles.extend((0..count).map(|number| object(&mut rng, &number.to_string())));
         let scene = Scene::new(obstacles).unwrap();
         let stepper = Stepper::new(&robot, STEP, Integrator::SemiImplicitEuler).unwrap();
-        let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default()).unwrap();
+        let mut stepper = ContactStepper::new(stepper, &scene).unwrap();
         let mut state = State::straight(&robot);
         if stepper.check_start(&state).is_err() {
             continue;
@@ -129,7 +129,7 @@ fn objects_that_cannot_move_are_refused_by_name() {
     let refused = |object: Obstacle| {
         let scene = Scene::new(vec![object.with_mass(0.1).unwrap()]).unwrap();
         let stepper = Stepper::new(&robot, STEP, Integrator::SemiImplicitEuler).unwrap();
-        match ContactStepper::new(stepper, &scene, ContactLaw::default()) {
+        match ContactStepper::new(stepper, &scene) {
             Err(DynamicsError::Objects(error)) => error,
             other => panic!("{other:?}"),
         }

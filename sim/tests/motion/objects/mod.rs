@@ -5,7 +5,7 @@ mod hostile;
 mod states;
 mod touched;
 
-use tdcr_sim::contact::{ContactLaw, ContactStepper};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
 use tdcr_sim::robot::{Loads, Robot};
 use tdcr_sim::scene::{Obstacle, Scene};
@@ -15,7 +15,7 @@ const STEP: f64 = 2e-3;
 fn among(robot: &Robot, obstacles: Vec<Obstacle>) -> ContactStepper {
     let stepper = Stepper::new(robot, STEP, Integrator::SemiImplicitEuler).unwrap();
     let scene = Scene::new(obstacles).unwrap();
-    ContactStepper::new(stepper, &scene, ContactLaw::default()).unwrap()
+    ContactStepper::new(stepper, &scene).unwrap()
 }
 
 /// The robot `2m` without gravity.

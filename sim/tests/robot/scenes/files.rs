@@ -6,7 +6,8 @@ use std::path::Path;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use tdcr_sim::geometry::{Pipe, Shape};
 use tdcr_sim::scene::{
-    Obstacle, ObstacleShape, ObstacleSpec, Scene, SceneError, SceneSpec, ShapeSpec,
+    ContactLaw, Impedance, Obstacle, ObstacleShape, ObstacleSpec, Scene, SceneError, SceneSpec,
+    ShapeSpec,
 };
 
 use super::{SHELF, STL, scene};
@@ -159,6 +160,47 @@ fn what_is_written_is_read_as_the_same() {
         "{text}"
     );
     assert_eq!(text.matches("mass").count(), 2, "{text}");
+}
+
+#[test]
+fn the_law_of_contacts_is_read_and_written() {
+    assert_eq!(scene("").unwrap().contact_law(), ContactLaw::default());
+    let softer = Impedance {
+        solref: [0.01, 2.0],
+        ..Impedance::default()
+    };
+    for (text, law) in [
+        ("compliant = {}", ContactLaw::default()),
+        (
+            "compliant = { relaxation = 0 }",
+            ContactLaw::Compliant { relaxation: 0.0 },
+        ),
+        (
+            "impedance = {}",
+            ContactLaw::Impedance(Impedance::default()),
+        ),
+        (
+            "impedance = { solref = [0.01, 2] }",
+            ContactLaw::Impedance(softer),
+        ),
+    ] {
+        let text = format!("contact_law = {{ {text} }}\n[[obstacle]]\nhalf_space = {{}}");
+        let read = scene(&text).unwrap();
+        assert_eq!(read.contact_law(), law);
+        // As it is of the same scene with other obstacles, of its record, and of its file.
+        let moved = read.with_obstacles(Vec::new()).unwrap();
+        assert_eq!(moved.contact_law(), law);
+        let record = serde_json::to_string(&read).unwrap();
+        assert_eq!(serde_json::from_str::<Scene>(&record).unwrap(), read);
+        let written = read.to_toml().unwrap();
+        assert_eq!(
+            written.contains("contact_law"),
+            law != ContactLaw::default()
+        );
+        assert_eq!(scene(&written).unwrap(), read);
+        let usual = read.clone().with_contact_law(ContactLaw::default());
+        assert_eq!(usual.unwrap() == read, law == ContactLaw::default());
+    }
 }
 
 #[test]

@@ -251,7 +251,9 @@ fn unknown_and_wrong_fields_are_named_with_their_obstacle() {
     let other = said("sphere = { radius = 1 }\n[robot]\nname = '2m'");
     assert!(
         other.starts_with("TOML parse error")
-            && other.contains("unknown field `robot`, expected `self_contact` or `obstacle`"),
+            && other.contains(
+                "unknown field `robot`, expected one of `self_contact`, `contact_law`, `obstacle`"
+            ),
         "{other}"
     );
     let other = scene("friction = 1\n[[obstacle]]\nhalf_space = {}")
@@ -270,6 +272,43 @@ fn unknown_and_wrong_fields_are_named_with_their_obstacle() {
     );
     let syntax = said("sphere = {");
     assert!(syntax.starts_with("TOML parse error at line 5"), "{syntax}");
+}
+
+#[test]
+fn laws_of_contacts_are_those_that_there_are() {
+    for (law, expected) in [
+        (
+            "compliant = { relaxation = -1 }",
+            "`contact_law.compliant.relaxation` is -1; expected a time from 0 to 1 s",
+        ),
+        (
+            "compliant = { relaxation = nan }",
+            "`contact_law.compliant.relaxation` is NaN; expected a time from 0 to 1 s",
+        ),
+        (
+            "impedance = { solref = [0.02, 0] }",
+            "`contact_law.impedance.solref` is [0.02, 0.0]; expected a time constant (s) and a damping ratio, both above 0",
+        ),
+        (
+            "impedance = { solimp = [0.9, 0.95, inf, 0.5, 2] }",
+            "`contact_law.impedance.solimp` is [0.9, 0.95, inf, 0.5, 2.0]; expected five finite numbers, none below 0",
+        ),
+        (
+            "rigid = {}",
+            "unknown variant `rigid`, expected `compliant` or `impedance`",
+        ),
+        (
+            "impedance = { solreff = [0.02, 1] }",
+            "unknown field `solreff`, expected `solref` or `solimp`",
+        ),
+        (
+            "compliant = { time = 1 }",
+            "unknown field `time`, expected `relaxation`",
+        ),
+    ] {
+        let refused = scene(&format!("contact_law = {{ {law} }}")).unwrap_err();
+        assert!(refused.to_string().contains(expected), "{law}: {refused}");
+    }
 }
 
 #[test]

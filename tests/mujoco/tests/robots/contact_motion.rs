@@ -5,11 +5,11 @@ use std::fmt::Write;
 use nalgebra::{Quaternion, UnitQuaternion};
 use tdcr_mujoco::Model;
 use tdcr_sim::chain::Configuration;
-use tdcr_sim::contact::{ContactLaw, ContactStepper, Impedance};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
 use tdcr_sim::geometry::{Bead, Beads};
 use tdcr_sim::robot::{Loads, Robot};
-use tdcr_sim::scene::{Obstacle, Scene};
+use tdcr_sim::scene::{ContactLaw, Impedance, Obstacle, Scene};
 
 use crate::paper;
 
@@ -79,8 +79,9 @@ fn trajectories_with_contacts_are_mujocos_step_by_step() {
         let model = Model::from_xml(&mjcf(&robot, beads.as_slice(), &obstacles)).unwrap();
         let mut theirs = model.data().unwrap();
         let law = ContactLaw::Impedance(Impedance::default());
+        let scene = scene.with_contact_law(law).unwrap();
         let stepper = Stepper::new(&robot, 2e-3, Integrator::SemiImplicitEuler).unwrap();
-        let mut ours = ContactStepper::with_beads(stepper, &scene, law, beads).unwrap();
+        let mut ours = ContactStepper::with_beads(stepper, &scene, beads).unwrap();
         let mut state = State::straight(&robot);
         let (mut away, mut touching, mut largest, mut touched) = (0.0_f64, 0, 0.0_f64, [0; 4]);
         for step in 0..STEPS {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use tdcr_mujoco::Model;
-use tdcr_sim::contact::{ContactLaw, ContactStepper};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
 use tdcr_sim::formats::mjcf::{ExportOptions, export};
 use tdcr_sim::robot::{Loads, Robot};
@@ -35,7 +35,7 @@ fn paths(scene: &Scene, command: &[f64]) -> [Vec<[f64; 7]>; 2] {
     let model = Model::from_xml(&as_coulomb(&xml)).unwrap();
     let mut theirs = model.data().unwrap();
     let stepper = Stepper::new(&robot, STEP, Integrator::SemiImplicitEuler).unwrap();
-    let mut ours = ContactStepper::new(stepper, scene, ContactLaw::default()).unwrap();
+    let mut ours = ContactStepper::new(stepper, scene).unwrap();
     let mut state = State::straight(&robot);
     let mean = robot.mean_command();
     let mut paths = [Vec::new(), Vec::new()];

@@ -2,7 +2,7 @@
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::contact::{ContactLaw, ContactStepper};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{
     Integrator, ObstacleTangent, Rollout, RolloutDirection, RolloutGradient, State, StateCotangent,
     Stepper, rollout_gradient,
@@ -113,7 +113,7 @@ impl Case {
     /// A stepper among what the motion is among.
     pub fn among(&self, scene: &Scene) -> ContactStepper {
         let robot = Robot::new(self.spec.clone()).unwrap();
-        ContactStepper::new(self.stepper(&robot), scene, ContactLaw::default()).unwrap()
+        ContactStepper::new(self.stepper(&robot), scene).unwrap()
     }
 
     pub fn states(&self) -> (Robot, Vec<State>) {

@@ -3,13 +3,13 @@
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::contact::{ContactLaw, ContactStepper, Sliding};
+use tdcr_sim::contact::{ContactStepper, Sliding};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Lineariser, Rollout, State, Stepper};
 use tdcr_sim::robot::{
     Fluid, Frame, Loads, Parameter, Payload, PerDisc, Robot, RobotSpec, RodDamping, RodSpec,
     ServoSpec, Wrench,
 };
-use tdcr_sim::scene::{Obstacle, Scene};
+use tdcr_sim::scene::{ContactLaw, Obstacle, Scene};
 
 use super::super::derivatives::{nudged, nudged_command, random_rollout};
 use super::super::difference;
@@ -53,7 +53,7 @@ fn leaning(robot: &Robot, scene: &Scene, (steps, timestep): (usize, f64)) -> Cas
     };
     let mut start = State::straight(robot);
     let stepper = Stepper::new(robot, timestep, Integrator::ImplicitEuler).unwrap();
-    let mut stepper = ContactStepper::new(stepper, scene, ContactLaw::default()).unwrap();
+    let mut stepper = ContactStepper::new(stepper, scene).unwrap();
     let command = robot.command(&bent).unwrap();
     for _ in 0..steps {
         stepper.step(&mut start, &command, &loads).unwrap();
@@ -257,7 +257,7 @@ fn tangents_and_linearised_steps_have_the_contacts_and_the_fluid_in_them() {
         .unwrap();
     let free = Stepper::new(&robot, TIMESTEP, Integrator::SemiImplicitEuler).unwrap();
     let none = Scene::new(Vec::new()).unwrap();
-    let free = ContactStepper::new(free, &none, ContactLaw::default()).unwrap();
+    let free = ContactStepper::new(free, &none).unwrap();
     let size = 1e-6;
     for (linear, mut stepper) in [(among, stepper), (alone, free)] {
         let mut step = |mut state: State, command: &_| {
@@ -299,7 +299,8 @@ fn what_has_no_derivatives_among_obstacles_is_refused_by_name() {
     let rollout = random_rollout(&robot, 1, &mut ChaCha8Rng::seed_from_u64(51));
     let refused = |integrator, law, parameters: &[Parameter]| {
         let stepper = Stepper::new(&robot, TIMESTEP, integrator).unwrap();
-        let stepper = ContactStepper::new(stepper, &post(0.0), law).unwrap();
+        let scene = post(0.0).with_contact_law(law).unwrap();
+        let stepper = ContactStepper::new(stepper, &scene).unwrap();
         let states = [rollout.start.clone()];
         let gradient = stepper.rollout_gradient(&rollout, &states, parameters, |_, _, _| ());
         match gradient.map(|gradient| gradient.parameters.len()) {
