@@ -130,8 +130,7 @@ fn a_reset_brings_objects_back() {
     let stepper =
         tdcr_sim::dynamics::Stepper::new(&robot, 2e-3, Integrator::SemiImplicitEuler).unwrap();
     let scene = Scene::new(shelf_and_box()).unwrap();
-    let stepper =
-        tdcr_sim::contact::ContactStepper::new(stepper, &scene, Default::default()).unwrap();
+    let stepper = tdcr_sim::contact::ContactStepper::new(stepper, &scene).unwrap();
     let mut moving = MovingRobot::among(stepper, 10);
     moving
         .reset(&robot.mean_command(), &Loads::default())
