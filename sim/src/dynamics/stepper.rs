@@ -154,8 +154,8 @@ impl Stepper {
     }
 
     /// Moves `state` by one time step under `command` and `loads`, both constant meanwhile. Takes
-    /// O(n) time and allocates nothing, but for [`Integrator::ImplicitEuler`] and commanded lengths of inextensible tendons. The
-    /// command is what acts on the tendons: [`Servos`](super::Servos) follow one that is given.
+    /// O(n) time and allocates nothing, but for [`Integrator::ImplicitEuler`], commanded lengths of inextensible tendons, and friction of
+    /// tendons in their holes. The command is what acts on the tendons: [`Servos`](super::Servos) follow one that is given.
     ///
     /// # Errors
     /// [`DynamicsError`] when state, command or loads are not of this robot, or an implicit step has no solution that can be

@@ -126,7 +126,7 @@ impl ContactStepper {
     ///
     /// # Errors
     /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles;
-    /// [`DynamicsError::InFluid`] for a fluid and [`ContactLaw::Impedance`]; [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are; [`DynamicsError::Objects`] for
+    /// [`DynamicsError::InFluid`] for a fluid and [`ContactLaw::Impedance`], [`DynamicsError::Rubbing`] for friction of tendons and that law; [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are; [`DynamicsError::Objects`] for
     /// objects that cannot move.
     pub fn new(stepper: Stepper, scene: &Scene) -> Result<Self, DynamicsError> {
         let beads = Beads::new(stepper.robot());

@@ -150,8 +150,8 @@ impl Rubbing {
         deflections: &[Vec<f64>],
     ) -> Result<(), DynamicsError> {
         let own = self.before.iter().map(|profile| &profile.deflections);
-        let alike = own.len() == deflections.len()
-            && own.zip(deflections).all(|(a, b)| a.len() == b.len());
+        let alike =
+            own.len() == deflections.len() && own.zip(deflections).all(|(a, b)| a.len() == b.len());
         let finite = deflections.iter().flatten().all(|z| z.is_finite());
         let fits = deflections.is_empty() || (alike && finite);
         if !fits {

@@ -3,10 +3,10 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::contact::{ContactLaw, ContactStepper};
+use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Lineariser, Rollout, State, Stepper};
 use tdcr_sim::robot::{Command, Drive, Friction, Loads, PerDisc, Robot, RobotSpec};
-use tdcr_sim::scene::{Obstacle, Scene};
+use tdcr_sim::scene::{ContactLaw, Obstacle, Scene};
 use tdcr_sim::tendon_friction::{ContactPath, FrictionPath, SlipState, TendonProfile};
 
 use super::{CONTACT, assert_capstan, pull_first, rough, rough_robot, rough_spec, tip};
@@ -237,8 +237,7 @@ fn among_obstacles_slow_motions_are_paths() {
         for integrator in FIRST_ORDER {
             let [quick, slow] = [4.0, 16.0].map(|duration| {
                 let stepper = Stepper::new(&robot, 2e-3, integrator).unwrap();
-                let law = ContactLaw::default();
-                let mut stepper = ContactStepper::new(stepper, &scene, law).unwrap();
+                let mut stepper = ContactStepper::new(stepper, &scene).unwrap();
                 let mut state = State::at_rest(start.configuration.clone());
                 let steps = (duration / 2e-3) as usize;
                 for step in 1..=steps {
@@ -378,8 +377,10 @@ fn what_friction_in_motion_cannot_do_is_refused() {
     let stepper = Stepper::new(&robot, 1e-3, Integrator::default()).unwrap();
     let ball = Obstacle::sphere("ball", 0.01).unwrap().at([0.1, 0.0, 0.3]);
     let scene = Scene::new(vec![ball]).unwrap();
-    let mujoco = ContactLaw::Impedance(Default::default());
-    let refused = ContactStepper::new(stepper, &scene, mujoco).unwrap_err();
+    let mujoco = scene
+        .with_contact_law(ContactLaw::Impedance(Default::default()))
+        .unwrap();
+    let refused = ContactStepper::new(stepper, &mujoco).unwrap_err();
     assert_eq!(refused, DynamicsError::Rubbing { tendon: 0 });
     let mut held: RobotSpec = rough_spec(0.1);
     for tendon in held.tendon_specs_mut() {
