@@ -44,7 +44,7 @@ pub fn run(path: &Path) -> Result<()> {
     );
     print_changes(&circle, &points);
     for (k, found) in followed.iter().enumerate() {
-        if let Outcome::Unreachable { active, gap } = &found.outcome {
+        if let Outcome::Unreachable { active, gap, .. } = &found.outcome {
             let tendons: Vec<_> = active.iter().map(|bound| bound.tendon).collect();
             let left = found.errors[0] * MM;
             println!(

@@ -69,7 +69,8 @@ fn solution<'py>(
     let (ended, active, gap) = match &found.outcome {
         Ending::Reached => ("reached", Vec::new(), 0.0),
         Ending::Stalled { gap } => ("stalled", Vec::new(), *gap),
-        Ending::Unreachable { active, gap } => {
+        Ending::TooNear { .. } => ("too near", Vec::new(), f64::NAN),
+        Ending::Unreachable { active, gap, .. } => {
             let end = |bound| match bound {
                 End::Low => "low",
                 End::High => "high",

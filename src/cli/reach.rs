@@ -116,7 +116,7 @@ impl Found {
             error: solution.errors[0],
             reached: solution.outcome == Outcome::Reached,
             contacts,
-            reason: reason(&solution.outcome),
+            reason: reason(&solution.outcome, scene),
             arrival: None,
             via: Vec::new(),
             disc_change: 0.0,
@@ -147,26 +147,38 @@ impl Found {
 const SWITCHED: &str = "switched";
 
 /// Why a search ended short of its target.
-fn reason(outcome: &Outcome) -> Option<String> {
+fn reason(outcome: &Outcome, scene: &Scene) -> Option<String> {
+    let name = |obstacle: usize| &scene.obstacles()[obstacle].name;
     match outcome {
         Outcome::Reached => None,
-        Outcome::Unreachable { active, .. } if active.is_empty() => {
-            Some("out of reach: no command near it comes nearer".to_owned())
-        }
-        Outcome::Unreachable { active, .. } => {
+        Outcome::Unreachable {
+            active, obstacles, ..
+        } => {
             let end = |bound| match bound {
                 Bound::Low => "low",
                 Bound::High => "high",
             };
-            let bounds = active
-                .iter()
-                .map(|a| format!("{} ({})", a.tendon, end(a.bound)));
-            let bounds: Vec<String> = bounds.collect();
-            let bounds = bounds.join(", ");
-            Some(format!(
-                "out of reach: tendons are at an end of their range: {bounds}"
-            ))
+            let bounds = (active.iter()).map(|a| format!("{} ({})", a.tendon, end(a.bound)));
+            let discs = (obstacles.iter())
+                .map(|one| format!("{:?} (disc {})", name(one.obstacle), one.disc));
+            let [bounds, discs] =
+                [bounds.collect(), discs.collect()].map(|all: Vec<_>| all.join(", "));
+            let why = match (bounds.as_str(), discs.as_str()) {
+                ("", "") => "no command near it comes nearer".to_owned(),
+                (bounds, "") => format!("tendons are at an end of their range: {bounds}"),
+                ("", discs) => format!("the robot keeps clear of {discs}"),
+                (bounds, discs) => format!(
+                    "the robot keeps clear of {discs}, and tendons are at an end of their range: {bounds}"
+                ),
+            };
+            Some(format!("out of reach: {why}"))
         }
+        Outcome::TooNear { nearest } => Some(format!(
+            "no command was found that keeps clear: disc {} is {:.6} m from {:?}",
+            nearest.disc,
+            nearest.gap,
+            name(nearest.obstacle)
+        )),
         Outcome::Stalled { .. } => Some("the search came to a halt".to_owned()),
     }
 }

@@ -125,6 +125,12 @@ pub struct ContactEquilibrium {
 }
 
 impl ContactEquilibrium {
+    /// Normal force (N) with which the robot presses on an obstacle, by its number: the sum over the contacts of one disc, from 0, or of
+    /// all.
+    pub fn normal_force(&self, obstacle: usize, disc: Option<usize>) -> f64 {
+        normal_force(&self.contacts, obstacle, disc)
+    }
+
     fn unsettled(robot: &Robot) -> Self {
         Self {
             equilibrium: Equilibrium::unsettled(robot),
@@ -134,6 +140,14 @@ impl ContactEquilibrium {
             barrier: 0.0,
         }
     }
+}
+
+/// The same of a list of contacts.
+pub(crate) fn normal_force(contacts: &[Contact], obstacle: usize, disc: Option<usize>) -> f64 {
+    let own = contacts.iter().filter(|contact| {
+        contact.partner == Partner::Obstacle(obstacle) && disc.is_none_or(|d| d == contact.disc)
+    });
+    own.map(|contact| contact.force.dot(&contact.normal)).sum()
 }
 
 /// What cannot be solved among obstacles.

@@ -44,6 +44,8 @@ struct Pressed {
     /// [`Bead::along_rod`](crate::geometry::Bead::along_rod) of its bead.
     along_rod: f64,
     obstacle: usize,
+    /// Whether it is the normal force of a contact; else it is friction.
+    is_normal: bool,
     /// Where it acts (m), and its force on the robot (N), world axes.
     point: Vector3<f64>,
     force: Vector3<f64>,
@@ -82,6 +84,7 @@ impl ContactSensitivity {
                 along_rod: bristle.bead.along_rod,
                 disc: bristle.bead.disc,
                 obstacle: bristle.obstacle,
+                is_normal: false,
                 point: position(bristle),
                 force,
                 stiffness,
@@ -95,6 +98,7 @@ impl ContactSensitivity {
                     along_rod: near.bead.along_rod,
                     disc: near.bead.disc,
                     obstacle: near.obstacle,
+                    is_normal: true,
                     point: chain.centres[near.bead.disc] + near.arm,
                     force: near.normal * response.force,
                     stiffness: near.stiffness(&response),
@@ -170,6 +174,21 @@ impl ContactSensitivity {
             pose.rotation += motion.rotation;
         }
         poses
+    }
+
+    /// Gradient, by each disc's pose (N/m, N/rad, world axes), of the normal force with which the robot presses on an obstacle that
+    /// stays where it is: of the contacts of one disc, from 0, or of all ([`ContactEquilibrium::normal_force`]).
+    ///
+    /// [`ContactEquilibrium::normal_force`]: super::ContactEquilibrium::normal_force
+    pub fn normal_force_gradient(&self, obstacle: usize, disc: Option<usize>) -> Vec<PoseTangent> {
+        self.wrenches(|contact| {
+            let asked = contact.is_normal
+                && contact.obstacle == obstacle
+                && disc.is_none_or(|disc| disc == contact.disc);
+            // The normal is the force's direction; the stiffness is symmetric.
+            let normal = asked.then(|| contact.force.try_normalize(0.0)).flatten()?;
+            Some(-(contact.stiffness * normal))
+        })
     }
 
     /// Jacobian of all disc poses by the motion of an obstacle, its origin (m) and its rotation (rad): `6 n` rows as

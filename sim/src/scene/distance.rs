@@ -17,19 +17,28 @@ impl Obstacle {
     /// # Ok::<(), tdcr_sim::scene::SceneError>(())
     /// ```
     pub fn signed_distance(&self, point: &Vector3<f64>) -> f64 {
+        self.signed_distance_and_gradient(point).0
+    }
+
+    /// [`signed_distance`](Self::signed_distance), and its gradient by the point, world axes.
+    pub(crate) fn signed_distance_and_gradient(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let local = self.pose.inverse_transform_point(&(*point).into()).coords;
-        match &self.shape {
-            ObstacleShape::HalfSpace => local.z,
-            ObstacleShape::Pipe(pipe) => pipe.nearest(&local).distance,
+        let (distance, normal) = match &self.shape {
+            ObstacleShape::HalfSpace => (local.z, Vector3::z()),
+            ObstacleShape::Pipe(pipe) => {
+                let nearest = pipe.nearest(&local);
+                (nearest.distance, nearest.normal)
+            }
             ObstacleShape::Solid(shape) => {
-                let distance = shape.nearest(&local).distance;
+                let nearest = shape.nearest(&local);
                 // That from a mesh is above 0 on either side of its triangles.
                 match &shape.0 {
-                    Kind::Mesh(_) if shape.contains(&local) => -distance,
-                    _ => distance,
+                    Kind::Mesh(_) if shape.contains(&local) => (-nearest.distance, -nearest.normal),
+                    _ => (nearest.distance, nearest.normal),
                 }
             }
-        }
+        };
+        (distance, self.pose.rotation * normal)
     }
 }
 
@@ -71,6 +80,35 @@ mod tests {
             inside += usize::from(a < 0.0);
         }
         assert!((20..150).contains(&inside), "{inside}");
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_distance() {
+        let turned = nalgebra::UnitQuaternion::from_euler_angles(0.3, -0.5, 1.1);
+        let pose = nalgebra::Isometry3::from_parts([0.3, 0.1, -0.2].into(), turned);
+        let obstacles = [
+            Obstacle::half_space("floor"),
+            Obstacle::new("mesh", ObstacleShape::Solid(cube())),
+            Obstacle::cuboid("box", [1.0, 2.0, 0.5]).unwrap(),
+            Obstacle::capsule("bar", 0.3, 1.0).unwrap(),
+            Obstacle::pipe("pipe", 0.9, 3.0).unwrap(),
+        ];
+        for obstacle in obstacles.map(|obstacle| obstacle.with_pose(pose)) {
+            for step in 0..50 {
+                let at = |turn: f64| 1.4 * (f64::from(step) * turn).fract() - 0.7;
+                let point = Vector3::new(at(0.618), at(0.414), at(0.732));
+                let gradient = obstacle.signed_distance_and_gradient(&point).1;
+                let difference = Vector3::from_fn(|axis, _| {
+                    let mut step = Vector3::zeros();
+                    step[axis] = 1e-6;
+                    let [below, above] =
+                        [point - step, point + step].map(|p| obstacle.signed_distance(&p));
+                    (above - below) / 2e-6
+                });
+                let off = (gradient - difference).amax();
+                assert!(off < 1e-6, "{} {point:?}: {off:e}", obstacle.name);
+            }
+        }
     }
 
     #[test]

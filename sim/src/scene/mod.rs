@@ -102,6 +102,15 @@ impl Scene {
         })
     }
 
+    /// The obstacles with these numbers alone, in this order.
+    pub(crate) fn part(&self, numbers: &[usize]) -> Self {
+        let obstacles = numbers.iter().map(|&number| self.obstacles[number].clone());
+        Self {
+            obstacles: obstacles.collect(),
+            self_contact: self.self_contact,
+        }
+    }
+
     /// The same scene for robots that touch themselves so.
     ///
     /// # Errors

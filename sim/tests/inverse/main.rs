@@ -6,3 +6,4 @@ mod calibration_sets;
 mod shape_control;
 mod shape_in_scenes;
 mod shape_path;
+mod shape_touching;

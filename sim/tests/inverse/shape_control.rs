@@ -25,7 +25,7 @@ fn assert_honest(robot: &Robot, loads: &Loads, targets: &[Target], found: &Shape
     }
     let met = found.errors.iter().all(|error| *error <= 1e-6);
     assert_eq!(met, found.outcome == Outcome::Reached);
-    if let Outcome::Unreachable { active, gap } = &found.outcome {
+    if let Outcome::Unreachable { active, gap, .. } = &found.outcome {
         assert!((0.0..=1e-6).contains(gap), "{gap}");
         for ActiveBound { tendon, bound } in active {
             let [low, high] = robot.tendons()[*tendon].range;

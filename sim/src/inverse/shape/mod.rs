@@ -18,10 +18,20 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod apart;
+mod contact_goals;
+mod error;
+mod gap;
+mod outcome;
 mod path;
 mod problem;
+mod residuals;
 mod target;
 
+pub use apart::Obstruction;
+pub use contact_goals::{ContactGoals, Press};
+pub use error::ShapeControlError;
+pub use outcome::{ActiveBound, Bound, Outcome};
 pub use path::{Arrival, PathPoint, ShapePath};
 pub use target::{Goal, Target};
 
@@ -30,11 +40,10 @@ use std::sync::Arc;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use thiserror::Error;
 
-use crate::contact::{ContactEquilibrium, ContactError, ContactSettler};
-use crate::robot::{Command, Loads, LoadsError, Robot};
-use crate::scene::Scene;
+use crate::contact::{Contact, ContactEquilibrium, ContactError, ContactSettler};
+use crate::robot::{Command, Loads, Robot};
+use crate::scene::{Nearest, Scene};
 use crate::statics::Equilibrium;
 use problem::{Place, Problem, shares};
 
@@ -74,7 +83,15 @@ pub struct ShapeController {
     scene: Scene,
     loads: Loads,
     search: Search,
-    samples: Arc<[(Command, Equilibrium)]>,
+    samples: Arc<[Sample]>,
+}
+
+/// A command, and where the robot settles under it.
+#[derive(Clone, Debug)]
+struct Sample {
+    command: Command,
+    equilibrium: Equilibrium,
+    contacts: Vec<Contact>,
 }
 
 /// The best command found.
@@ -89,85 +106,14 @@ pub struct ShapeSolution {
     pub among: Option<ContactEquilibrium>,
     /// Distance left to each target (m), without weights.
     pub errors: Vec<f64>,
+    /// Normal force of each press asked for (N).
+    pub forces: Vec<f64>,
+    /// Of the obstacles that a clearance is asked for from, the nearest; `None` without.
+    pub nearest: Option<Nearest>,
     /// Whether that is enough, and if not, why.
     pub outcome: Outcome,
     /// Steps tried, over all starts.
     pub steps: usize,
-}
-
-/// How a search ended.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Outcome {
-    /// Every target is met within the tolerance.
-    Reached,
-    /// Nothing near the command comes nearer to the targets: it is stationary. As the search is
-    /// local, from the best of its starts, another command far off is not excluded.
-    Unreachable {
-        /// The tendons that a bound keeps from coming nearer.
-        active: Vec<ActiveBound>,
-        /// Frank and Wolfe's gap (m): the most that the weighted distance, the root of the weighted
-        /// sum of squares, could fall by anywhere in the box of commands, were it linear. At most
-        /// the tolerance.
-        gap: f64,
-    },
-    /// The search came to a halt at a command that is not stationary, for example where tendons go
-    /// slack, where equilibria vanish, or for want of steps.
-    Stalled {
-        /// As for [`Outcome::Unreachable`], above the tolerance.
-        gap: f64,
-    },
-}
-
-/// A tendon whose command is at the end of its range, and would have to go past it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ActiveBound {
-    /// The tendon.
-    pub tendon: usize,
-    /// Which end.
-    pub bound: Bound,
-}
-
-/// An end of a tendon's range.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Bound {
-    /// The smallest command.
-    Low,
-    /// The largest command.
-    High,
-}
-
-/// Why there is nothing to search for, or nothing to start from.
-#[non_exhaustive]
-#[derive(Clone, Debug, Error, PartialEq)]
-pub enum ShapeControlError {
-    /// An empty list of targets.
-    #[error("no target is given; expected at least one")]
-    NoTarget,
-    /// A target that makes no sense.
-    #[error("target {index} is {target:?}: {reason}")]
-    Target {
-        /// Its place in the list, from 0.
-        index: usize,
-        /// The target.
-        target: Target,
-        /// What would be right.
-        reason: &'static str,
-    },
-    /// A tolerance that is no length.
-    #[error("the tolerance is {0} m; expected a finite length above 0")]
-    Tolerance(f64),
-    /// Loads of another robot.
-    #[error(transparent)]
-    Loads(#[from] LoadsError),
-    /// A command of another robot.
-    #[error(transparent)]
-    Command(#[from] crate::robot::CommandError),
-    /// Among the obstacles there is nothing to settle.
-    #[error(transparent)]
-    Contact(#[from] ContactError),
-    /// No equilibrium to start from.
-    #[error("the robot settles stably under none of the {0} commands tried")]
-    Unsettled(usize),
 }
 
 impl ShapeController {
@@ -202,13 +148,13 @@ impl ShapeController {
         let mut rng = ChaCha8Rng::seed_from_u64(search.seed);
         let mut commands = vec![robot.mean_command()];
         commands.extend((0..search.samples).map(|_| robot.random_command(&mut rng)));
-        let settled = match scene.is_empty() {
-            true => robot.settle_batch(&commands, loads),
-            false => settle_among(robot, scene, &commands, loads)?,
-        };
         let tried = commands.len();
-        let samples: Arc<[_]> = (commands.into_iter().zip(settled))
-            .filter(|(_, equilibrium)| equilibrium.converged)
+        let settled = match scene.is_empty() {
+            true => settle_alone(robot, commands, loads),
+            false => settle_among(robot, scene, commands, loads)?,
+        };
+        let samples: Arc<[_]> = (settled.into_iter())
+            .filter(|sample| sample.equilibrium.converged)
             .collect();
         if samples.is_empty() {
             return Err(ShapeControlError::Unsettled(tried));
@@ -239,22 +185,43 @@ impl ShapeController {
     /// [`ShapeControlError`] for no targets, or one that makes no sense; [`ShapeControlError::Unsettled`] if no
     /// start leads to a stable equilibrium.
     pub fn reach(&self, targets: &[Target]) -> Result<ShapeSolution, ShapeControlError> {
-        let problem = self.problem(targets)?;
-        problem.best_of(self.starts(targets))
+        self.reach_with(targets, &ContactGoals::default())
     }
 
-    /// The samples that come nearest to `targets`.
-    fn starts(&self, targets: &[Target]) -> impl Iterator<Item = &(Command, Equilibrium)> {
-        let cost = |sample: &(Command, Equilibrium)| {
-            let weighted = |t: &Target| t.weight * t.error(&sample.1).norm_squared();
-            targets.iter().map(weighted).sum::<f64>()
-        };
-        let mut order: Vec<(f64, usize)> = (self.samples.iter().enumerate())
-            .map(|(index, sample)| (cost(sample), index))
-            .collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let starts = order.into_iter().take(self.search.starts.max(1));
-        starts.map(|(_, index)| &self.samples[index])
+    /// The same with `contact` asked for, too: forces to press on obstacles with, whose errors are added to those of the targets, of
+    /// which there may then be none; or a clearance, which is kept first. Among the commands under which the robot keeps clear, settled
+    /// from the straight pose among all obstacles, the one is sought that comes nearest. Where none was found the outcome is
+    /// [`Outcome::TooNear`]; where an obstacle keeps the robot away from the targets, [`Outcome::Unreachable`] has it.
+    ///
+    /// ```
+    /// use tdcr_sim::inverse::shape::{ContactGoals, Outcome, Press, Search, ShapeController, Target};
+    /// use tdcr_sim::robot::{Loads, Robot};
+    /// use tdcr_sim::scene::{Obstacle, Scene};
+    ///
+    /// let (robot, loads) = (Robot::load("2m")?, Loads::default());
+    /// let scene = Scene::new(vec![Obstacle::cylinder("post", 0.01, 0.4)?.at([0.05, 0.03, 0.25])])?;
+    /// let controller = ShapeController::among(&robot, &scene, &loads, Search::default())?;
+    /// let tip = Target::tip(&robot, [-0.06, 0.03, 0.31].into());
+    /// let clear = ContactGoals { clearance: Some(0.003), ..ContactGoals::default() };
+    /// let found = controller.reach_with(&[tip], &clear)?;
+    /// assert!(found.nearest.is_some_and(|nearest| nearest.gap >= 0.003));
+    /// let push = ContactGoals { presses: vec![Press::new(0, 0.05)], ..ContactGoals::default() };
+    /// let found = controller.reach_with(&[], &push)?;
+    /// assert_eq!(found.outcome, Outcome::Reached);
+    /// println!("{} N", found.forces[0]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`reach`](Self::reach); also for a clearance that is no distance or without obstacles, and for a force that makes no sense, or on
+    /// an obstacle that is not there or can move.
+    pub fn reach_with(
+        &self,
+        targets: &[Target],
+        contact: &ContactGoals,
+    ) -> Result<ShapeSolution, ShapeControlError> {
+        let problem = self.problem(targets, contact)?;
+        problem.best_of(problem.starts(&self.samples).into_iter())
     }
 
     /// A path of targets that the robot is led along without jumps. Its first targets are sought as by
@@ -287,10 +254,15 @@ impl ShapeController {
         targets: &[Target],
         start: &Command,
     ) -> Result<ShapeSolution, ShapeControlError> {
-        let problem = self.problem(targets)?;
-        let start = self.robot.command(start.as_slice())?;
-        let settled = self.settled(&start)?;
-        problem.best_of(std::iter::once(&(start, settled)))
+        let asked = ContactGoals::default();
+        let problem = self.problem(targets, &asked)?;
+        let command = self.robot.command(start.as_slice())?;
+        let start = Sample {
+            equilibrium: self.settled(&command)?,
+            command,
+            contacts: Vec::new(),
+        };
+        problem.best_of(std::iter::once(&start))
     }
 
     /// Where the robot settles under a command, from the straight pose.
@@ -299,8 +271,17 @@ impl ShapeController {
         Ok(settler.settle(command, &self.loads)?.equilibrium.clone())
     }
 
-    fn problem<'p>(&'p self, targets: &'p [Target]) -> Result<Problem<'p>, ShapeControlError> {
-        if targets.is_empty() {
+    fn problem<'p>(
+        &'p self,
+        targets: &'p [Target],
+        contact: &'p ContactGoals,
+    ) -> Result<Problem<'p>, ShapeControlError> {
+        self.check(targets, contact)?;
+        Ok(Problem::new(self, targets, contact))
+    }
+
+    fn check(&self, targets: &[Target], contact: &ContactGoals) -> Result<(), ShapeControlError> {
+        if targets.is_empty() && contact.presses.is_empty() {
             return Err(ShapeControlError::NoTarget);
         }
         for (index, target) in targets.iter().enumerate() {
@@ -312,27 +293,54 @@ impl ShapeController {
                 });
             }
         }
-        Ok(Problem {
-            robot: &self.robot,
-            scene: &self.scene,
-            loads: &self.loads,
-            search: &self.search,
-            targets,
-        })
+        for (index, press) in contact.presses.iter().enumerate() {
+            if let Some(reason) = press.fault(&self.robot, &self.scene) {
+                return Err(ShapeControlError::Press {
+                    index,
+                    press: *press,
+                    reason,
+                });
+            }
+        }
+        if let Some(clearance) = contact.clearance {
+            if !(clearance >= 0.0 && clearance.is_finite()) {
+                return Err(ShapeControlError::Clearance(clearance));
+            }
+            if self.scene.obstacles().is_empty() {
+                return Err(ShapeControlError::NoObstacle);
+            }
+        }
+        Ok(())
     }
+}
+
+/// Where a robot without obstacles settles under each command.
+fn settle_alone(robot: &Robot, commands: Vec<Command>, loads: &Loads) -> Vec<Sample> {
+    let settled = robot.settle_batch(&commands, loads);
+    let sample = |(command, equilibrium)| Sample {
+        command,
+        equilibrium,
+        contacts: Vec::new(),
+    };
+    commands.into_iter().zip(settled).map(sample).collect()
 }
 
 /// Where a robot settles among obstacles under each command, from the straight pose, on all cores.
 fn settle_among(
     robot: &Robot,
     scene: &Scene,
-    commands: &[Command],
+    commands: Vec<Command>,
     loads: &Loads,
-) -> Result<Vec<Equilibrium>, ContactError> {
-    let settle = |settler: &mut ContactSettler, command: &Command| {
-        Ok(settler.settle(command, loads)?.equilibrium.clone())
+) -> Result<Vec<Sample>, ContactError> {
+    let settle = |settler: &mut ContactSettler, command: Command| {
+        let found = settler.settle(&command, loads)?;
+        Ok(Sample {
+            equilibrium: found.equilibrium.clone(),
+            contacts: found.contacts.clone(),
+            command,
+        })
     };
-    (commands.par_iter())
+    (commands.into_par_iter())
         .map_init(|| ContactSettler::new(robot, scene), settle)
         .collect()
 }

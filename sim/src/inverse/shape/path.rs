@@ -10,8 +10,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::apart::Kept;
 use super::problem::{Place, Problem, gap, shares};
-use super::{Outcome, ShapeControlError, ShapeController, ShapeSolution, Target};
+use super::{ContactGoals, Outcome, ShapeControlError, ShapeController, ShapeSolution, Target};
 use crate::contact::ContactSettler;
 use crate::inverse::least_squares::{Evaluation, Limit, minimise};
 use crate::robot::Command;
@@ -107,7 +108,8 @@ impl ShapePath {
     /// As [`ShapeController::reach`]. The path then stays where it was.
     pub fn follow(&mut self, targets: &[Target]) -> Result<PathPoint, ShapeControlError> {
         let controller = self.controller.clone();
-        let problem = controller.problem(targets)?;
+        let asked = ContactGoals::default();
+        let problem = controller.problem(targets, &asked)?;
         let Some(last) = &self.last else {
             let first = controller.reach(targets)?;
             return Ok(self.arrive(&problem, Arrival::First, first, Vec::new()));
@@ -123,7 +125,7 @@ impl ShapePath {
         let followed = way.follow(last);
         let reached = |found: &ShapeSolution| found.outcome == Outcome::Reached;
         if followed.as_ref().is_none_or(|(found, _)| !reached(found)) {
-            let others = problem.all_of(self.controller.starts(targets));
+            let others = problem.all_of(problem.starts(&controller.samples).into_iter());
             let distance = |found: &ShapeSolution| disc_change(&last.settled, &found.equilibrium);
             let nearest = (others.into_iter().filter(reached))
                 .min_by(|a, b| distance(a).total_cmp(&distance(b)));
@@ -180,7 +182,8 @@ impl Way<'_> {
     /// `None` if the start is not stable.
     fn follow(&mut self, start: &Place) -> Option<(ShapeSolution, Vec<Command>)> {
         let mut place = start.clone();
-        let mut at = (self.problem).evaluate_from(self.settler, &place.x, &place.settled)?;
+        let none = Kept::default();
+        let mut at = (self.problem).evaluate_from(self.settler, &place.x, &place.settled, &none)?;
         // The errors at the start. A share of the way on, that share of them is gone.
         let errors = at.residuals.clone();
         let mut continuation = Continuation::new(1.0, LEAST_PART);
@@ -198,7 +201,7 @@ impl Way<'_> {
         }
         via.pop();
         let among = self.problem.among(self.settler, &place.x, &at.memory);
-        Some((self.problem.solution(place.x, at, among, steps), via))
+        Some((self.problem.solution(&place.x, &at, among, steps), via))
     }
 
     /// The place nearest to `from` where the errors are `wanted`, or as near to that as can be. `None`
@@ -214,6 +217,7 @@ impl Way<'_> {
         let search = problem.search;
         let limits = vec![Limit::SHARE; from.x.len()];
         let settler = &mut *self.settler;
+        let none = Kept::default();
         let mut follow = |x: &DVector<f64>, near: &Equilibrium| {
             let command = problem.command(x);
             let settled = settler.settle_from(&near.configuration, &command, problem.loads);
@@ -221,7 +225,7 @@ impl Way<'_> {
             if disc_change(near, &settled) > jump {
                 return None;
             }
-            let mut at = problem.evaluate(settler, x, settled)?;
+            let mut at = problem.evaluate(settler, x, settled, &none)?;
             at.residuals -= wanted;
             Some(at)
         };

@@ -1,10 +1,16 @@
 //! The search for a command.
 
-use nalgebra::{DMatrix, DVector, Matrix3xX};
+use nalgebra::DVector;
 
-use super::{ActiveBound, Bound, Outcome, Search, ShapeControlError, ShapeSolution, Target};
+use super::apart::{Apart, Kept};
+use super::gap::nearest_bead;
+use super::{
+    ActiveBound, Bound, ContactGoals, Outcome, Press, Sample, Search, ShapeControlError,
+    ShapeController, ShapeSolution, Target,
+};
 use crate::chain::Configuration;
-use crate::contact::{ContactEquilibrium, ContactSettler};
+use crate::contact::{ContactEquilibrium, ContactSettler, Partner, normal_force};
+use crate::geometry::Beads;
 use crate::inverse::least_squares::{Evaluation, Limit, minimise};
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
@@ -13,14 +19,24 @@ use crate::statics::Equilibrium;
 /// Times that a descent goes on from the equilibrium that the straight pose leads to, where that is
 /// another one than the descent's.
 const MAX_RETURNS: usize = 4;
+/// Rounds of the multipliers of a clearance at most.
+const MAX_ROUNDS: usize = 20;
 
 /// The search for one list of targets. Its unknowns are the commands as shares of their ranges.
 pub(super) struct Problem<'a> {
     pub robot: &'a Robot,
-    pub scene: &'a Scene,
     pub loads: &'a Loads,
     pub search: &'a Search,
     pub targets: &'a [Target],
+    pub presses: &'a [Press],
+    /// All obstacles.
+    pub scene: &'a Scene,
+    /// Those that the robot settles among while it is sought, and their numbers in the whole scene.
+    pub touched: Scene,
+    pub numbers: Vec<usize>,
+    /// Those that it keeps clear of.
+    pub apart: Option<Apart>,
+    pub beads: Beads,
 }
 
 /// A command, as shares of the tendons' ranges, and the equilibrium under it.
@@ -30,17 +46,81 @@ pub(super) struct Place {
     pub settled: Equilibrium,
 }
 
-impl Problem<'_> {
+/// How good a solution is, smaller is better: by how much it is too near to an obstacle (m), then the sum of the squared errors (m²).
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
+struct Score(f64, f64);
+
+impl<'a> Problem<'a> {
+    /// Of a controller and what is asked of it, which has been checked.
+    pub fn new(
+        controller: &'a ShapeController,
+        targets: &'a [Target],
+        contact: &'a ContactGoals,
+    ) -> Self {
+        let ShapeController { robot, scene, .. } = controller;
+        let [numbers, apart] = contact.divide(scene);
+        let clearance = contact.clearance.filter(|_| !apart.is_empty());
+        Self {
+            robot,
+            loads: &controller.loads,
+            search: &controller.search,
+            targets,
+            presses: &contact.presses,
+            scene,
+            touched: match clearance {
+                None => scene.clone(),
+                Some(_) => scene.part(&numbers),
+            },
+            numbers,
+            apart: clearance.map(|clearance| Apart::new(robot, scene, apart, clearance)),
+            beads: Beads::new(robot),
+        }
+    }
+
+    /// The samples that come nearest to what is asked for.
+    pub fn starts<'s>(&self, samples: &'s [Sample]) -> Vec<&'s Sample> {
+        let mut order: Vec<(f64, &Sample)> = (samples.iter())
+            .map(|sample| (self.cost_of(sample), sample))
+            .collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        order.truncate(self.search.starts.max(1));
+        order.into_iter().map(|(_, sample)| sample).collect()
+    }
+
+    /// Sum of the weighted squared errors of a sample, and of what it is too near by.
+    fn cost_of(&self, sample: &Sample) -> f64 {
+        let settled = &sample.equilibrium;
+        let missed = |target: &Target| target.weight * target.error(settled).norm_squared();
+        let pressed = |press: &Press| {
+            let force = normal_force(&sample.contacts, press.obstacle, press.disc);
+            press.weight * press.error(force, self.gap_to(press, settled)).powi(2)
+        };
+        let nearest = self.apart.as_ref().and_then(|apart| apart.nearest(settled));
+        let (clearance, gap) = match (&self.apart, nearest) {
+            (Some(apart), Some(nearest)) => (apart.clearance, nearest.gap),
+            _ => (0.0, 0.0),
+        };
+        self.targets.iter().map(missed).sum::<f64>()
+            + self.presses.iter().map(pressed).sum::<f64>()
+            + (clearance - gap).max(0.0).powi(2)
+    }
+
+    /// How far what presses is from its obstacle (m).
+    fn gap_to(&self, press: &Press, settled: &Equilibrium) -> f64 {
+        let ends = (press.obstacle, press.disc);
+        nearest_bead(&self.beads, self.scene, settled, ends).map_or(0.0, |(_, gap)| gap)
+    }
+
     pub fn best_of<'s>(
         &self,
-        starts: impl Iterator<Item = &'s (Command, Equilibrium)>,
+        starts: impl Iterator<Item = &'s Sample>,
     ) -> Result<ShapeSolution, ShapeControlError> {
         let mut settler = self.settler();
-        let mut best: Option<(f64, ShapeSolution)> = None;
+        let mut best: Option<(Score, ShapeSolution)> = None;
         let (mut steps, mut tried) = (0, 0);
         for start in starts {
             tried += 1;
-            let Some((cost, mut found)) = self.descend(&mut settler, start) else {
+            let Some((score, mut found)) = self.descend(&mut settler, start) else {
                 continue;
             };
             steps += found.steps;
@@ -48,8 +128,8 @@ impl Problem<'_> {
             if found.outcome == Outcome::Reached {
                 return Ok(found);
             }
-            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                best = Some((cost, found));
+            if best.as_ref().is_none_or(|(least, _)| score < *least) {
+                best = Some((score, found));
             }
         }
         let (_, mut found) = best.ok_or(ShapeControlError::Unsettled(tried))?;
@@ -58,55 +138,119 @@ impl Problem<'_> {
     }
 
     /// What a descent from each start leads to.
-    pub fn all_of<'s>(
-        &self,
-        starts: impl Iterator<Item = &'s (Command, Equilibrium)>,
-    ) -> Vec<ShapeSolution> {
+    pub fn all_of<'s>(&self, starts: impl Iterator<Item = &'s Sample>) -> Vec<ShapeSolution> {
         let mut settler = self.settler();
         let found = starts.filter_map(|start| self.descend(&mut settler, start));
         found.map(|(_, found)| found).collect()
     }
 
     fn settler(&self) -> ContactSettler {
-        ContactSettler::new(self.robot, self.scene)
+        ContactSettler::new(self.robot, &self.touched)
     }
 
-    /// Descends from one command; also returns the cost reached.
+    /// Descends from one command; also returns how good the place is.
     fn descend(
         &self,
         settler: &mut ContactSettler,
-        (command, settled): &(Command, Equilibrium),
-    ) -> Option<(f64, ShapeSolution)> {
-        let limits = vec![Limit::SHARE; self.robot.tendons().len()];
-        let mut x = shares(self.robot, command);
-        let mut at = self.evaluate_from(settler, &x, settled)?;
+        start: &Sample,
+    ) -> Option<(Score, ShapeSolution)> {
+        let mut x = shares(self.robot, &start.command);
+        let mut kept = Kept::default();
+        if let Some(apart) = &self.apart {
+            apart.join(&mut kept, &start.equilibrium);
+        }
+        let mut at = self.evaluate_from(settler, &x, &start.equilibrium, &kept)?;
         let mut steps = 0;
         for _ in 0..MAX_RETURNS {
+            let (there, tried) = self.descend_kept(settler, (x, at), &mut kept)?;
+            steps += tried;
+            x = there.x;
+            let settled = settler.settle(&self.command(&x), self.loads).ok()?;
+            let settled = settled.equilibrium.clone();
+            at = self.evaluate(settler, &x, settled, &kept)?;
+            if self.same_place(&there.settled.configuration, &at.memory) {
+                break;
+            }
+        }
+        let asked = 3 * self.targets.len() + self.presses.len();
+        let cost = at.residuals.rows(0, asked).norm_squared();
+        let Some(apart) = &self.apart else {
+            let among = (!self.scene.is_empty()).then(|| settler.found().clone());
+            return Some((Score(0.0, cost), self.solution(&x, &at, among, steps)));
+        };
+        self.among_all(apart, &kept, (&x, at, cost), steps)
+    }
+
+    /// Descends in rounds until the clearance is kept, without one in a single round; also returns the steps tried.
+    fn descend_kept(
+        &self,
+        settler: &mut ContactSettler,
+        (mut x, mut at): (DVector<f64>, Evaluation<Equilibrium>),
+        kept: &mut Kept,
+    ) -> Option<(Place, usize)> {
+        let limits = vec![Limit::SHARE; self.robot.tendons().len()];
+        // Aimed at a tenth, so that another way to the same equilibrium is near enough too.
+        let enough = 0.1 * self.search.tolerance;
+        let mut steps = 0;
+        for _ in 0..MAX_ROUNDS {
             let evaluate = |x: &DVector<f64>, near: &Equilibrium| {
                 let (command, near) = (self.command(x), &near.configuration);
                 let settled = settler.settle_from(near, &command, self.loads).ok()?;
                 let settled = settled.equilibrium.clone();
-                self.evaluate(settler, x, settled)
+                self.evaluate(settler, x, settled, kept)
             };
-            // Aimed at a tenth, so that another way to the same equilibrium is near enough too.
-            let enough = 0.1 * self.search.tolerance;
             let done = |x: &DVector<f64>, at: &Evaluation<Equilibrium>| {
-                self.largest_error(&at.memory) <= enough || gap(x, at) <= enough
+                self.is_met(at, kept, enough) || gap(x, at) <= enough
             };
             let found = minimise(x, at, &limits, self.search.max_steps, evaluate, done);
             steps += found.steps;
-            let followed = found.at.memory.configuration.clone();
-            let settled = settler.settle(&self.command(&found.x), self.loads).ok()?;
-            let settled = settled.equilibrium.clone();
-            x = found.x;
-            at = self.evaluate(settler, &x, settled)?;
-            if self.same_place(&followed, &at.memory) {
+            (x, at) = (found.x, found.at);
+            let settled = |apart: &Apart| apart.is_settled(kept, &at.memory);
+            if self.apart.as_ref().is_none_or(settled) {
                 break;
             }
+            at = self.evaluate_from(settler, &x, &at.memory, kept)?;
         }
-        let cost = at.cost();
-        let among = (!self.scene.is_empty()).then(|| settler.found().clone());
-        Some((cost, self.solution(x, at, among, steps)))
+        let settled = at.memory;
+        Some((Place { x, settled }, steps))
+    }
+
+    /// The solution among all obstacles, from the straight pose, of a place where the robot keeps clear of some.
+    fn among_all(
+        &self,
+        apart: &Apart,
+        kept: &Kept,
+        (x, mut at, cost): (&DVector<f64>, Evaluation<Equilibrium>, f64),
+        steps: usize,
+    ) -> Option<(Score, ShapeSolution)> {
+        let mut settler = ContactSettler::new(self.robot, self.scene);
+        let among = settler.settle(&self.command(x), self.loads).ok()?.clone();
+        if !among.equilibrium.converged {
+            return None;
+        }
+        let is_there = self.same_place(&at.memory.configuration, &among.equilibrium);
+        at.memory.clone_from(&among.equilibrium);
+        let nearest = apart.nearest(&at.memory)?;
+        let partners = among.contacts.iter().map(|contact| contact.partner);
+        let touches = (partners.filter_map(Partner::obstacle)).any(|obstacle| apart.has(obstacle));
+        let mut found = self.solution(x, &at, Some(among), steps);
+        found.nearest = Some(nearest);
+        if touches || nearest.gap < apart.clearance {
+            found.outcome = Outcome::TooNear { nearest };
+            let by = (apart.clearance - nearest.gap).max(f64::MIN_POSITIVE);
+            return Some((Score(by, cost), found));
+        }
+        match &mut found.outcome {
+            Outcome::Unreachable { gap, .. } if !is_there => {
+                found.outcome = Outcome::Stalled { gap: *gap };
+            }
+            Outcome::Unreachable { obstacles, .. } => {
+                *obstacles = apart.obstructions(kept, &at.memory, cost.sqrt());
+            }
+            _ => {}
+        }
+        let cost = if is_there { cost } else { f64::INFINITY };
+        Some((Score(0.0, cost), found))
     }
 
     /// As [`evaluate`](Self::evaluate), where `settler` has yet to settle to the equilibrium.
@@ -115,12 +259,13 @@ impl Problem<'_> {
         settler: &mut ContactSettler,
         x: &DVector<f64>,
         settled: &Equilibrium,
+        kept: &Kept,
     ) -> Option<Evaluation<Equilibrium>> {
         let settled = match self.scene.is_empty() {
             true => settled.clone(),
             false => self.settle_again(settler, x, settled)?.equilibrium,
         };
-        self.evaluate(settler, x, settled)
+        self.evaluate(settler, x, settled, kept)
     }
 
     /// An equilibrium with what the robot touches there, which `settler` has yet to settle to; `None` without obstacles.
@@ -147,49 +292,6 @@ impl Problem<'_> {
         Some(found.ok()?.clone())
     }
 
-    /// Residuals and Jacobian at an equilibrium, the last of `settler` where there are obstacles; `None` where it is not
-    /// stable.
-    pub fn evaluate(
-        &self,
-        settler: &ContactSettler,
-        x: &DVector<f64>,
-        settled: Equilibrium,
-    ) -> Option<Evaluation<Equilibrium>> {
-        let command = self.command(x);
-        let poses = match self.scene.is_empty() {
-            true => {
-                let sensitivity = self.robot.sensitivity(&command, self.loads, &settled);
-                sensitivity.ok()?.command_jacobian()
-            }
-            false => {
-                let sensitivity = settler.sensitivity(&command, self.loads).ok()?;
-                sensitivity.parameters().command_jacobian()
-            }
-        };
-        let tendons = self.robot.tendons().len();
-        let mut residuals = DVector::zeros(3 * self.targets.len());
-        let mut jacobian = DMatrix::zeros(3 * self.targets.len(), tendons);
-        for (i, target) in self.targets.iter().enumerate() {
-            let rows = |part: usize| -> Matrix3xX<f64> {
-                poses.fixed_rows::<3>(6 * target.disc + 3 * part).into()
-            };
-            let scale = target.weight.sqrt();
-            let error = target.error(&settled) * scale;
-            residuals.fixed_rows_mut::<3>(3 * i).copy_from(&error);
-            let slope = target.error_jacobian(&settled, [rows(0), rows(1)]) * scale;
-            jacobian.fixed_rows_mut::<3>(3 * i).copy_from(&slope);
-        }
-        for (mut column, tendon) in jacobian.column_iter_mut().zip(self.robot.tendons()) {
-            column *= tendon.range[1] - tendon.range[0];
-        }
-        let finite = jacobian.iter().all(|x| x.is_finite());
-        finite.then_some(Evaluation {
-            residuals,
-            jacobian,
-            memory: settled,
-        })
-    }
-
     pub fn command(&self, x: &DVector<f64>) -> Command {
         let tendons = self.robot.tendons().iter().zip(x);
         let value = |(tendon, share): (&crate::robot::Tendon, &f64)| {
@@ -205,8 +307,15 @@ impl Problem<'_> {
         self.targets.iter().map(error).collect()
     }
 
-    fn largest_error(&self, equilibrium: &Equilibrium) -> f64 {
-        self.errors(equilibrium).into_iter().fold(0.0, f64::max)
+    /// Whether all targets and presses are met within a tolerance (m), and the clearance is kept.
+    fn is_met(&self, at: &Evaluation<Equilibrium>, kept: &Kept, within: f64) -> bool {
+        let first = 3 * self.targets.len();
+        let pressed = (self.presses.iter().zip(first..))
+            .all(|(press, row)| at.residuals[row].abs() <= within * press.weight.sqrt());
+        let apart = |apart: &Apart| apart.is_met(kept, &at.memory);
+        pressed
+            && self.errors(&at.memory).iter().all(|error| *error <= within)
+            && self.apart.as_ref().is_none_or(apart)
     }
 
     /// Whether a configuration is that of an equilibrium, to the tolerance as an angle on 1 m.
@@ -217,24 +326,39 @@ impl Problem<'_> {
 
     pub fn solution(
         &self,
-        x: DVector<f64>,
-        at: Evaluation<Equilibrium>,
+        x: &DVector<f64>,
+        at: &Evaluation<Equilibrium>,
         among: Option<ContactEquilibrium>,
         steps: usize,
     ) -> ShapeSolution {
-        let gap = gap(&x, &at);
-        let outcome = if self.largest_error(&at.memory) <= self.search.tolerance {
+        let errors = self.errors(&at.memory);
+        let force = |press: &Press| {
+            let among = among.as_ref();
+            among.map_or(0.0, |among| among.normal_force(press.obstacle, press.disc))
+        };
+        let forces: Vec<f64> = self.presses.iter().map(force).collect();
+        let off = |(press, force): (&Press, &f64)| press.error(*force, 0.0).abs();
+        let largest = (errors.iter().copied())
+            .chain(self.presses.iter().zip(&forces).map(off))
+            .fold(0.0, f64::max);
+        let gap = gap(x, at);
+        let outcome = if largest <= self.search.tolerance {
             Outcome::Reached
         } else if gap <= self.search.tolerance {
-            let active = active_bounds(&x, &at);
-            Outcome::Unreachable { active, gap }
+            Outcome::Unreachable {
+                active: active_bounds(x, at),
+                obstacles: Vec::new(),
+                gap,
+            }
         } else {
             Outcome::Stalled { gap }
         };
         ShapeSolution {
-            command: self.command(&x),
-            errors: self.errors(&at.memory),
-            equilibrium: at.memory,
+            command: self.command(x),
+            errors,
+            forces,
+            nearest: None,
+            equilibrium: at.memory.clone(),
             among,
             outcome,
             steps,
