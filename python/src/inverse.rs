@@ -6,7 +6,8 @@ use pyo3::prelude::*;
 use tdcr::sim::geometry::Beads;
 use tdcr::sim::inverse::calibration::{self, Finding, FitState, Observation, Unknown};
 use tdcr::sim::inverse::shape::{
-    self, Arrival, Bound as End, Goal, Outcome as Ending, PathPoint, Search, ShapeSolution, Target,
+    self, Arrival, Bound as End, ContactGoals, Goal, Outcome as Ending, PathPoint, Press, Search,
+    ShapeSolution, Target,
 };
 
 use crate::arrays::{array, contiguous};
@@ -42,8 +43,25 @@ fn target((disc, kind, numbers, lever, weight): TargetTuple) -> Outcome<Target> 
     Ok(Target { disc, goal, weight })
 }
 
+/// A force as it comes from Python: obstacle, disc, force (N), lever (m/N), weight.
+type PressTuple = (usize, Option<usize>, f64, f64, f64);
+
+fn press((obstacle, disc, force, lever, weight): PressTuple) -> Press {
+    Press {
+        obstacle,
+        disc,
+        force,
+        lever,
+        weight,
+    }
+}
+
+/// An obstacle, a disc, and a number that belongs to them.
+type ObstacleTuple = (usize, usize, f64);
+
 /// The best command found: command, equilibrium, error of each target (m), how the search ended, the tendons that a bound
-/// holds back, the gap (m), steps, what it touches among obstacles.
+/// holds back, the gap (m), steps, what it touches among obstacles, forces (N), the obstacles that keep it away with their prices, the
+/// nearest with its gap (m).
 type Solution<'py> = (
     Bound<'py, PyArray1<f64>>,
     EquilibriumRows,
@@ -53,6 +71,9 @@ type Solution<'py> = (
     f64,
     usize,
     Option<ContactRows>,
+    Bound<'py, PyArray1<f64>>,
+    Vec<ObstacleTuple>,
+    Option<ObstacleTuple>,
 );
 
 /// A solution of a robot whose beads have a shape error (m), for Python.
@@ -66,17 +87,22 @@ fn solution<'py>(
     let tendons = equilibrium.tendon_tensions.len();
     let mut numbers = Numbers::new(1, equilibrium.positions.len(), tendons);
     numbers.rows()[0].write(equilibrium);
-    let (ended, active, gap) = match &found.outcome {
-        Ending::Reached => ("reached", Vec::new(), 0.0),
-        Ending::Stalled { gap } => ("stalled", Vec::new(), *gap),
-        Ending::TooNear { .. } => ("too near", Vec::new(), f64::NAN),
-        Ending::Unreachable { active, gap, .. } => {
+    let none = Vec::new();
+    let (ended, active, obstacles, gap) = match &found.outcome {
+        Ending::Reached => ("reached", Vec::new(), &none, 0.0),
+        Ending::Stalled { gap } => ("stalled", Vec::new(), &none, *gap),
+        Ending::TooNear { .. } => ("too near", Vec::new(), &none, f64::NAN),
+        Ending::Unreachable {
+            active,
+            obstacles,
+            gap,
+        } => {
             let end = |bound| match bound {
                 End::Low => "low",
                 End::High => "high",
             };
             let active = active.iter().map(|a| (a.tendon, end(a.bound))).collect();
-            ("unreachable", active, *gap)
+            ("unreachable", active, obstacles, *gap)
         }
     };
     Ok((
@@ -88,6 +114,11 @@ fn solution<'py>(
         gap,
         found.steps,
         found.among.as_ref().map(touched).transpose()?,
+        PyArray1::from_slice(py, &found.forces),
+        (obstacles.iter())
+            .map(|one| (one.obstacle, one.disc, one.price))
+            .collect(),
+        (found.nearest).map(|nearest| (nearest.obstacle, nearest.disc, nearest.gap)),
     ))
 }
 
@@ -124,10 +155,21 @@ impl ShapeController {
         Ok(Self(made?))
     }
 
-    /// The command under which the robot comes nearest to the targets.
-    fn reach<'py>(&self, py: Python<'py>, targets: Vec<TargetTuple>) -> Outcome<Solution<'py>> {
+    /// The command under which the robot comes nearest to the targets, with a clearance (m) and forces.
+    #[pyo3(signature = (targets, presses, clearance=None))]
+    fn reach<'py>(
+        &self,
+        py: Python<'py>,
+        targets: Vec<TargetTuple>,
+        presses: Vec<PressTuple>,
+        clearance: Option<f64>,
+    ) -> Outcome<Solution<'py>> {
         let targets: Vec<Target> = targets.into_iter().map(target).collect::<Outcome<_>>()?;
-        let found = run::long(py, None, |_| self.0.reach(&targets))??;
+        let contact = ContactGoals {
+            presses: presses.into_iter().map(press).collect(),
+            clearance,
+        };
+        let found = run::long(py, None, |_| self.0.reach_with(&targets, &contact))??;
         solution(py, &found, shape_error(self.0.robot()))
     }
 

@@ -378,7 +378,21 @@ def track_rig(
     seed: int,
 ) -> tuple[str, _TrackingRows, str]: ...
 
-_Solution = tuple[_Floats, EquilibriumRows, _Floats, str, list[tuple[int, str]], float, int, ContactRows | None]
+_Press = tuple[int, int | None, float, float, float]
+_OfObstacle = tuple[int, int, float]
+_Solution = tuple[
+    _Floats,
+    EquilibriumRows,
+    _Floats,
+    str,
+    list[tuple[int, str]],
+    float,
+    int,
+    ContactRows | None,
+    _Floats,
+    list[_OfObstacle],
+    _OfObstacle | None,
+]
 
 @final
 class ShapeController:
@@ -393,7 +407,7 @@ class ShapeController:
         starts: int,
         max_steps: int,
     ) -> ShapeController: ...
-    def reach(self, targets: list[_Target]) -> _Solution: ...
+    def reach(self, targets: list[_Target], presses: list[_Press], clearance: float | None = None) -> _Solution: ...
     def path(self, start: _Floats | None = None) -> ShapePath: ...
 
 @final

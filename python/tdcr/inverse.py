@@ -51,6 +51,32 @@ class Target(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Press(Result):
+    """A normal force with which a robot presses on an obstacle.
+
+    While the robot does not touch the obstacle, its distance from there adds to the error.
+
+    Attributes:
+        obstacle: The obstacle's name, or its number in the scene: a fixed one.
+        force: The force (N), above 0.
+        disc: The disc that presses, from 0 at the base; ``-1`` is the last. None for the sum over all.
+        lever: What an error of one newton counts as (m).
+        weight: Of its squared error among those of targets.
+    """
+
+    obstacle: str | int
+    force: float
+    disc: int | None = None
+    lever: float = 0.1
+    weight: float = 1.0
+
+    def _native(self, robot: Robot, scene: Scene) -> tuple[int, int | None, float, float, float]:
+        disc = None if self.disc is None else as_place(self.disc, "disc of a press", robot.discs)
+        numbers = (as_number(self.force, "force"), as_number(self.lever, "lever"), as_number(self.weight, "weight"))
+        return scene.find(self.obstacle), disc, *numbers
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ShapeSolution(Result):
     """The best command found.
 
@@ -58,10 +84,15 @@ class ShapeSolution(Result):
         command: Within the tendons' ranges, shape (tendons,) (m or N).
         equilibrium: Where the robot settles under it; in a scene with its contacts.
         errors: Distance left to each target (m).
-        outcome: ``"reached"``; ``"unreachable"``, where nothing near the command comes nearer; ``"stalled"`` otherwise.
+        outcome: ``"reached"``; ``"unreachable"``, where nothing near the command comes nearer; ``"too near"``, where no command
+            was found that keeps the clearance asked for; ``"stalled"`` otherwise.
         active: Tendons that a bound keeps from coming nearer, each with ``"low"`` or ``"high"``.
         gap: The most that the distance could still fall by, were it linear (m).
         steps: Steps tried.
+        forces: Normal force of each :class:`Press` asked for (N).
+        obstacles: Obstacles that keep the robot away by the clearance asked for, by name, each with the disc and by how many
+            metres the distance would fall for each metre less of clearance.
+        nearest: The nearest obstacle of those that a clearance is asked for from, by name, with the disc and their gap (m).
     """
 
     command: Floats
@@ -71,6 +102,9 @@ class ShapeSolution(Result):
     active: tuple[tuple[int, str], ...]
     gap: float
     steps: int
+    forces: Floats
+    obstacles: tuple[tuple[str, int, float], ...]
+    nearest: tuple[str, int, float] | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,9 +168,28 @@ class ShapeController:
             as_count(max_steps, "max_steps", 1, 10**9),
         )
 
-    def reach(self, targets: Target | Sequence[Target]) -> ShapeSolution:
-        """The command under which the robot comes nearest to the targets."""
-        return _solution(self._native.reach(self._targets(targets)), self.scene)
+    def reach(
+        self,
+        targets: Target | Sequence[Target] = (),
+        *,
+        press: Press | Sequence[Press] = (),
+        clearance: float | None = None,
+    ) -> ShapeSolution:
+        """The command under which the robot comes nearest to the targets, and presses on obstacles or keeps clear of them.
+
+        Args:
+            targets: Targets for its discs. None are needed where it presses.
+            press: Forces on obstacles, whose errors are added to those of the targets.
+            clearance: Least distance of the robot's beads (m) from all obstacles that it is not to press on; at 0 it touches
+                none. It is kept first: of the commands that keep it, the one is sought that comes nearest.
+
+        Raises:
+            InputError: For a target or a force that makes no sense, and for a clearance below 0 or without obstacles.
+            SceneError: For a force on an obstacle that is not there.
+        """
+        presses = [one._native(self.robot, self.scene) for one in as_several(press, "press", Press)]
+        distance = None if clearance is None else as_number(clearance, "clearance")
+        return _solution(self._native.reach(self._targets(targets), presses, distance), self.scene)
 
     def path(self, start: Any = None) -> ShapePath:
         """A path of targets without jumps; from where the robot settles under the command ``start``, if that is given."""
@@ -161,7 +214,14 @@ class ShapePath:
 
 
 def shape(
-    robot: RobotLike, targets: Target | Sequence[Target], payload: Any = None, *, loads: Loads | None = None, **search: Any
+    robot: RobotLike,
+    targets: Target | Sequence[Target] = (),
+    payload: Any = None,
+    *,
+    loads: Loads | None = None,
+    press: Press | Sequence[Press] = (),
+    clearance: float | None = None,
+    **search: Any,
 ) -> ShapeSolution:
     """The command under which a robot comes nearest to targets: :class:`ShapeController` for one question.
 
@@ -170,9 +230,11 @@ def shape(
         targets: Targets for its discs.
         payload: Mass hung from the last disc (kg).
         loads: Other loads, in place of the payload.
+        press: Forces on obstacles of the ``scene``, as of :meth:`ShapeController.reach`.
+        clearance: Least distance from them (m), as of :meth:`ShapeController.reach`.
         search: As of :class:`ShapeController`, the ``scene`` among them.
     """
-    return ShapeController(robot, one_load(loads, payload), **search).reach(targets)
+    return ShapeController(robot, one_load(loads, payload), **search).reach(targets, press=press, clearance=clearance)
 
 
 @dataclass(frozen=True)
@@ -297,12 +359,24 @@ def _groups(unknowns: Any) -> dict[str, list[str]]:
     return {name: [name] for name in as_texts(unknowns, "unknowns")}
 
 
-def _solution(
-    found: tuple[Floats, _tdcr.EquilibriumRows, Floats, str, list[tuple[int, str]], float, int, _tdcr.ContactRows | None],
-    scene: Scene,
-) -> ShapeSolution:
-    command, rows, errors, outcome, active, gap, steps, touched = found
+def _solution(found: _tdcr._Solution, scene: Scene) -> ShapeSolution:
+    command, rows, errors, outcome, active, gap, steps, touched, forces, obstacles, nearest = found
     equilibrium = Equilibria._of(rows)[0]
     if touched is not None:
         equilibrium = replace(equilibrium, contacts=Contacts._of_one(touched, scene))
-    return ShapeSolution(command, equilibrium, errors, outcome, tuple(active), gap, steps)
+
+    def named(obstacle: int, disc: int, number: float) -> tuple[str, int, float]:
+        return scene.names[obstacle], disc, number
+
+    return ShapeSolution(
+        command,
+        equilibrium,
+        errors,
+        outcome,
+        tuple(active),
+        gap,
+        steps,
+        forces,
+        tuple(named(*one) for one in obstacles),
+        None if nearest is None else named(*nearest),
+    )

@@ -42,6 +42,8 @@ mod pretension;
 mod printable;
 mod reach;
 mod reach_cloud;
+mod reach_contact;
+mod reach_found;
 mod render;
 mod scan;
 mod scene;

@@ -11,9 +11,7 @@ use serde_json::{Value, json};
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::contact::ContactSettler;
-use tdcr::sim::inverse::shape::{
-    Arrival, Bound, Outcome, PathPoint, Search, ShapeController, ShapeSolution, Target,
-};
+use tdcr::sim::inverse::shape::{Search, ShapeController, Target};
 use tdcr::sim::robot::{Loads, Robot};
 use tdcr::sim::scene::Scene;
 
@@ -22,11 +20,12 @@ use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsJson, vector};
 use super::output;
 use super::reach_cloud::{self, CloudArgs};
+use super::reach_contact::{ContactArgs, PressJson};
+use super::reach_found::Found;
 use super::scene::SceneArgs;
-use super::settle_contacts::ContactJson;
 use super::units::command_columns;
 
-/// Find the command that brings the tip to a point, along a path of points, or the robot into the shape of a cloud
+/// Find the command that brings the tip to a point, along a path of points, or the robot into the shape of a cloud or against an obstacle
 #[derive(Debug, Args)]
 pub(super) struct ReachArgs {
     #[command(flatten)]
@@ -37,7 +36,7 @@ pub(super) struct ReachArgs {
         value_name = "X,Y,Z",
         value_parser = vector,
         allow_hyphen_values = true,
-        required_unless_present_any = ["path", "cloud"],
+        required_unless_present_any = ["path", "cloud", "presses"],
         conflicts_with_all = ["path", "CloudArgs"]
     )]
     tip: Option<[f64; 3]>,
@@ -51,6 +50,8 @@ pub(super) struct ReachArgs {
     loads: LoadArgs,
     #[command(flatten)]
     scene: SceneArgs,
+    #[command(flatten)]
+    contact: ContactArgs,
     /// Largest distance from a point that counts as reached (m)
     #[arg(long, default_value_t = 1e-6, value_parser = super::positive, value_name = "M")]
     tolerance: f64,
@@ -72,115 +73,10 @@ struct Table {
     units: Value,
     /// Largest error that counts as reached (m).
     tolerance: f64,
-    found: Vec<Found>,
-}
-
-/// The command for one point.
-#[derive(Serialize)]
-struct Found {
-    /// The point (m).
-    target: [f64; 3],
-    /// The command that comes nearest.
-    command: Vec<f64>,
-    /// Where it brings the tip (m).
-    tip_position: [f64; 3],
-    /// Distance of that from the point (m).
-    error: f64,
-    reached: bool,
-    /// What the robot touches; `None` without obstacles.
+    /// Least distance from obstacles that was asked for (m).
     #[serde(skip_serializing_if = "Option::is_none")]
-    contacts: Option<Vec<ContactJson>>,
-    /// Why not; `None` where it is reached.
-    reason: Option<String>,
-    /// How the robot comes here from the point before; `None` for a single point.
-    arrival: Option<&'static str>,
-    /// Commands to go through before this one, so that it comes here without a jump.
-    via: Vec<Vec<f64>>,
-    /// How far the disc that moves most comes since the point before (m).
-    disc_change: f64,
-}
-
-impl Found {
-    fn new(robot: &Robot, scene: &Scene, target: [f64; 3], solution: &ShapeSolution) -> Self {
-        let contacts = solution.among.as_ref().map(|among| {
-            let contacts = among.contacts.iter();
-            contacts
-                .map(|contact| ContactJson::of(contact, scene))
-                .collect()
-        });
-        let tip = solution.equilibrium.positions[robot.discs().len() - 1];
-        Self {
-            target,
-            command: solution.command.as_slice().to_vec(),
-            tip_position: tip.into(),
-            error: solution.errors[0],
-            reached: solution.outcome == Outcome::Reached,
-            contacts,
-            reason: reason(&solution.outcome, scene),
-            arrival: None,
-            via: Vec::new(),
-            disc_change: 0.0,
-        }
-    }
-
-    fn on_path(robot: &Robot, scene: &Scene, target: [f64; 3], point: &PathPoint) -> Self {
-        let arrival = match point.arrival {
-            Arrival::First => "first",
-            Arrival::Followed => "followed",
-            Arrival::Switched => SWITCHED,
-        };
-        let via = point.via.iter().map(|command| command.as_slice().to_vec());
-        Self {
-            arrival: Some(arrival),
-            via: via.collect(),
-            disc_change: point.disc_change,
-            ..Self::new(robot, scene, target, &point.solution)
-        }
-    }
-
-    fn switched(&self) -> bool {
-        self.arrival == Some(SWITCHED)
-    }
-}
-
-/// The robot jumps to another branch of solutions.
-const SWITCHED: &str = "switched";
-
-/// Why a search ended short of its target.
-fn reason(outcome: &Outcome, scene: &Scene) -> Option<String> {
-    let name = |obstacle: usize| &scene.obstacles()[obstacle].name;
-    match outcome {
-        Outcome::Reached => None,
-        Outcome::Unreachable {
-            active, obstacles, ..
-        } => {
-            let end = |bound| match bound {
-                Bound::Low => "low",
-                Bound::High => "high",
-            };
-            let bounds = (active.iter()).map(|a| format!("{} ({})", a.tendon, end(a.bound)));
-            let discs = (obstacles.iter())
-                .map(|one| format!("{:?} (disc {})", name(one.obstacle), one.disc));
-            let [bounds, discs] =
-                [bounds.collect(), discs.collect()].map(|all: Vec<_>| all.join(", "));
-            let why = match (bounds.as_str(), discs.as_str()) {
-                ("", "") => "no command near it comes nearer".to_owned(),
-                (bounds, "") => format!("tendons are at an end of their range: {bounds}"),
-                ("", discs) => format!("the robot keeps clear of {discs}"),
-                (bounds, discs) => format!(
-                    "the robot keeps clear of {discs}, and tendons are at an end of their range: {bounds}"
-                ),
-            };
-            Some(format!("out of reach: {why}"))
-        }
-        Outcome::TooNear { nearest } => Some(format!(
-            "no command was found that keeps clear: disc {} is {:.6} m from {:?}",
-            nearest.disc,
-            nearest.gap,
-            name(nearest.obstacle)
-        )),
-        Outcome::Stalled { .. } => Some("the search came to a halt".to_owned()),
-    }
+    clearance: Option<f64>,
+    found: Vec<Found>,
 }
 
 pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
@@ -191,11 +87,6 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
     let format = args.out.as_ref().map(format).transpose()?;
     let robot = Robot::new(args.robot.load()?)?;
     let loads = args.loads.on(&robot)?;
-    let targets = match (&args.path, args.tip) {
-        (Some(file), _) => read_points(file)?,
-        (None, Some(tip)) => vec![tip],
-        (None, None) => bail!("say --tip or --path"),
-    };
     let search = Search {
         tolerance: args.tolerance,
         seed: args.seed,
@@ -203,12 +94,14 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
     };
     let scene = args.scene.load()?;
     let controller = ShapeController::among(&robot, &scene, &loads, search)?;
-    let found = match (&args.path, targets.as_slice()) {
-        (None, [tip]) => {
-            let solution = controller.reach(&[Target::tip(&robot, (*tip).into())])?;
-            vec![Found::new(&robot, &scene, *tip, &solution)]
+    let found = match &args.path {
+        Some(file) => follow(&robot, &scene, &controller, &read_points(file)?, console)?,
+        None => {
+            let goals = args.contact.on(&robot, &scene)?;
+            let tip = args.tip.map(|tip| Target::tip(&robot, tip.into()));
+            let solution = controller.reach_with(tip.as_slice(), &goals)?;
+            vec![Found::new((&robot, &scene), args.tip, &goals, &solution)]
         }
-        _ => follow(&robot, &scene, &controller, &targets, console)?,
     };
     if args.path.is_some() {
         warn(&robot, &scene, &loads, args.tolerance, &found)?;
@@ -224,8 +117,11 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
             "tip_position": "m",
             "error": "m",
             "disc_change": "m",
+            "force": "N",
+            "clearance": "m",
         }),
         tolerance: args.tolerance,
+        clearance: args.contact.clearance(),
         found,
     };
     if let Some((out, format)) = args.out.as_deref().zip(format) {
@@ -235,11 +131,7 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
     let missed = table.found.iter().filter(|found| !found.reached).count();
     match (missed, table.found.as_slice()) {
         (0, _) => Ok(()),
-        (_, [only]) => bail!(
-            "the point is not reached, the tip stays {:.3e} m off: {}",
-            only.error,
-            only.reason.as_deref().unwrap_or_default()
-        ),
+        (_, [only]) => bail!("{}", only.missed()),
         (_, all) => bail!(
             "{missed} of {} points {} not reached",
             all.len(),
@@ -332,12 +224,14 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
             }
             text.push_str(",,,,,,,,,via\n");
         }
-        let numbers = (found.command.iter())
-            .chain(&found.target)
-            .chain(&found.tip_position)
-            .chain([&found.error, &found.disc_change]);
+        let target = found.target.map_or([None; 3], |target| target.map(Some));
+        let numbers = (found.command.iter().copied().map(Some))
+            .chain(target)
+            .chain(found.tip_position.map(Some))
+            .chain([found.error, Some(found.disc_change)]);
         for number in numbers {
-            let _ = write!(text, "{number:?},");
+            let number = number.map_or_else(String::new, |number| format!("{number:?}"));
+            let _ = write!(text, "{number},");
         }
         let arrival = found.arrival.unwrap_or_default();
         let _ = writeln!(text, "{},{arrival}", found.reached);
@@ -352,9 +246,11 @@ fn human_readable(table: &Table) -> String {
         let [x, y, z] = found.tip_position;
         let _ = writeln!(
             text,
-            "--command {}   tip {x:.6}, {y:.6}, {z:.6} m, {:.1e} m from the point{}{}",
+            "--command {}   tip {x:.6}, {y:.6}, {z:.6} m{}{}{}",
             command.join(","),
-            found.error,
+            found.error.map_or_else(String::new, |error| {
+                format!(", {error:.1e} m from the point")
+            }),
             match &found.reason {
                 Some(reason) => format!(": {reason}"),
                 None => touched(found),
@@ -368,11 +264,16 @@ fn human_readable(table: &Table) -> String {
     text
 }
 
-/// What the robot touches, as the end of a sentence.
+/// What the robot touches and what not, as the end of a sentence.
 fn touched(found: &Found) -> String {
-    let contacts = found.contacts.as_deref().unwrap_or_default();
-    match contacts {
-        [] => String::new(),
-        contacts => format!("; {}", counted(contacts.len(), "contact")),
+    let mut said = Vec::new();
+    match found.contacts.as_deref().unwrap_or_default() {
+        [] => {}
+        contacts => said.push(counted(contacts.len(), "contact")),
     }
+    said.extend(found.presses.iter().map(PressJson::in_words));
+    if let Some(clearance) = found.clearance {
+        said.push(format!("clear by {clearance:.6} m"));
+    }
+    said.iter().map(|said| format!("; {said}")).collect()
 }

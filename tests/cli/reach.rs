@@ -143,3 +143,166 @@ fn a_point_is_reached_among_obstacles_with_the_contacts_there() {
     let alone = succeed_json(&reach);
     assert!(alone["found"][0].get("contacts").is_none());
 }
+
+/// A ball beside the robot, and a wall that it can lean on.
+const BALL_AND_WALL: &str = "
+[[obstacle]]
+name = 'ball'
+sphere = { radius = 0.02 }
+position = [0.075, 0.03, 0.29]
+
+[[obstacle]]
+name = 'wall'
+box = { size = [0.02, 1.0, 1.0] }
+position = [-0.07, 0.0, 0.3]
+
+[[obstacle]]
+name = 'toy'
+sphere = { radius = 0.01 }
+position = [0.0, 0.3, 0.3]
+mass = 0.1
+";
+
+fn ball_and_wall() -> (tempfile::TempDir, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene.toml");
+    fs::write(&scene, BALL_AND_WALL).unwrap();
+    let scene = text(&scene).to_owned();
+    (folder, scene)
+}
+
+/// What the robot touches under a command that was found, as `settle` says it.
+fn contacts(found: &Value, scene: &str) -> Vec<Value> {
+    let command: Vec<String> = (found["command"].as_array().unwrap().iter())
+        .map(ToString::to_string)
+        .collect();
+    let settled = succeed_json(&["settle", "--command", &command.join(","), "--scene", scene]);
+    settled["contacts"].as_array().unwrap().clone()
+}
+
+#[test]
+fn a_clearance_is_kept_and_what_it_costs_is_said() {
+    let (_folder, scene) = ball_and_wall();
+    let reach = ["reach", "--scene", &scene, "--tip"];
+    let free = [&reach[..], &["0.0,0.06,0.31", "--clearance", "0.004"]].concat();
+    let table = succeed_json(&free);
+    assert_eq!(
+        (&table["clearance"], &table["units"]["clearance"]),
+        (&0.004.into(), &"m".into())
+    );
+    let found = &table["found"][0];
+    assert_eq!(found["reached"], true);
+    assert!(found["clearance"].as_f64().unwrap() >= 0.004);
+    assert!(contacts(found, &scene).is_empty());
+    assert!(succeed(&free).contains("; clear by 0.0"));
+    // In the ball.
+    let blocked = [
+        &reach[..],
+        &["0.06,0.03,0.31", "--clearance", "0", "--quiet", "--json"],
+    ]
+    .concat();
+    let output = crate::tdcr(&blocked).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let said = crate::stderr(&output);
+    assert!(
+        said.contains("the robot keeps clear of \"ball\" (disc "),
+        "{said}"
+    );
+    let table: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = &table["found"][0];
+    assert_eq!(found["nearest"]["obstacle"], "ball");
+    assert!(found["clearance"].as_f64().unwrap() >= 0.0 && found["error"].as_f64().unwrap() > 1e-3);
+    assert!(contacts(found, &scene).is_empty());
+}
+
+#[test]
+fn the_robot_presses_with_the_force_that_settling_finds() {
+    let (_folder, scene) = ball_and_wall();
+    let place = ["--scene", &scene, "--clearance", "0.002"];
+    for (press, disc) in [("wall=0.05", None), ("wall=0.02@tip", Some(9))] {
+        let arguments = [&["reach", "--press", press], &place[..]].concat();
+        let table = succeed_json(&arguments);
+        let found = &table["found"][0];
+        let pressed = &found["presses"][0];
+        assert_eq!(
+            (&pressed["obstacle"], &pressed["disc"]),
+            (&"wall".into(), &disc.into())
+        );
+        assert!(found["target"].is_null() && found["error"].is_null());
+        let (wanted, force) = (
+            pressed["wanted"].as_f64(),
+            pressed["force"].as_f64().unwrap(),
+        );
+        assert!((force - wanted.unwrap()).abs() < 1e-5);
+        let touched = contacts(found, &scene);
+        assert!(touched.iter().all(|one| one["obstacle"] == "wall"));
+        let own = (touched.iter()).filter(|one| disc.is_none_or(|disc| one["disc"] == disc));
+        // The wall's normal is x.
+        let settled: f64 = own.map(|one| one["force"][0].as_f64().unwrap()).sum();
+        assert!((settled - force).abs() < 1e-6 * force, "{settled} {force}");
+        assert!(succeed(&arguments).contains("presses on \"wall\" with 0.0"));
+    }
+}
+
+#[test]
+fn contact_that_makes_no_sense_is_refused() {
+    let (_folder, scene) = ball_and_wall();
+    let scene = ["--scene", &scene];
+    let tip = ["reach", "--tip", "0.06,0.03,0.31"];
+    for (arguments, code, expected) in [
+        (&["--clearance", "0.1"][..], 2, "--scene <FILE>"),
+        (&["--press", "wall=1"], 2, "--scene <FILE>"),
+        (
+            &["--clearance", "-1", scene[0], scene[1]],
+            2,
+            "expected a finite number of at least 0",
+        ),
+        (
+            &["--clearance", "nan", scene[0], scene[1]],
+            2,
+            "expected a finite number of at least 0",
+        ),
+        (
+            &["--press", "wall=-1", scene[0], scene[1]],
+            2,
+            "the force: expected a finite number above 0",
+        ),
+        (
+            &["--press", "wall", scene[0], scene[1]],
+            2,
+            "expected OBSTACLE=FORCE",
+        ),
+        (
+            &["--press", "wall=1@top", scene[0], scene[1]],
+            2,
+            "`top` is no disc",
+        ),
+        (
+            &["--press", "wall=1@10", scene[0], scene[1]],
+            1,
+            "the robot has no such disc",
+        ),
+        (
+            &["--press", "well=1", scene[0], scene[1]],
+            1,
+            "no obstacle \"well\"; expected one of \"ball\", \"wall\", \"toy\"",
+        ),
+        (
+            &["--press", "toy=1", scene[0], scene[1]],
+            1,
+            "the obstacle can move",
+        ),
+    ] {
+        refuse(&[&tip[..], arguments].concat(), code, expected);
+    }
+    let path = [
+        "reach",
+        "--path",
+        "nosuch.csv",
+        "--clearance",
+        "0",
+        scene[0],
+        scene[1],
+    ];
+    refuse(&path, 2, "--path");
+}

@@ -147,7 +147,7 @@ pub(crate) fn normal_force(contacts: &[Contact], obstacle: usize, disc: Option<u
     let own = contacts.iter().filter(|contact| {
         contact.partner == Partner::Obstacle(obstacle) && disc.is_none_or(|d| d == contact.disc)
     });
-    own.map(|contact| contact.force.dot(&contact.normal)).sum()
+    own.fold(0.0, |sum, contact| sum + contact.force.dot(&contact.normal))
 }
 
 /// What cannot be solved among obstacles.

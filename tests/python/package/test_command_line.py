@@ -44,6 +44,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
         inverse.ShapeController,
         {
             **{"payload": "loads", **LOADS, "tip": "a target", "path": "of ShapePath", "out": "arrays are returned"},
+            **dict.fromkeys(["clearance", "press"], "of ShapeController.reach"),
             **dict.fromkeys(["cloud", "model", "start", "steps", "points"], "tdcr.Predictor.reach"),
         },
     ),

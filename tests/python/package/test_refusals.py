@@ -63,6 +63,9 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
     stream = tdcr.Stream(ROBOT, points=50)
     batch, target = {"robot": ROBOT, "commands": ROWS}, tdcr.inverse.Target(position=SETTLED.tip)
     controller = tdcr.inverse.ShapeController(ROBOT, samples=3, starts=1, max_steps=3)
+    ball = tdcr.Scene([tdcr.Obstacle.sphere("ball", 0.02, position=(0.1, 0.0, 0.2))])
+    among_ball = tdcr.inverse.ShapeController(ROBOT, samples=3, starts=1, max_steps=3, scene=ball)
+    press = tdcr.inverse.Press("ball", 0.1)
     return [
         (tdcr.Robot, {"source": "2m"}),
         (tdcr.Robot.from_json, {"text": ROBOT.to_json()}),
@@ -169,6 +172,9 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (path.advance, {"command": COMMAND, "loads": None, "payload": None}),
         (path.follow, {"commands": ROWS, "loads": None, "progress": None, "payload": None}),
         (controller.reach, {"targets": target}),
+        (among_ball.reach, {"targets": target, "press": press, "clearance": 0.001}),
+        (lambda **press: among_ball.reach(press=tdcr.inverse.Press(**press)), {"obstacle": "ball", "force": 0.1, "disc": -1}),
+        (lambda **press: among_ball.reach(press=tdcr.inverse.Press("ball", 0.1, **press)), {"lever": 0.1, "weight": 1.0}),
         (controller.path, {"start": COMMAND}),
         (
             tdcr.inverse.ShapeController,

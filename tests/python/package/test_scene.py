@@ -90,6 +90,48 @@ def test_commands_for_targets_are_found_among_obstacles() -> None:
     np.testing.assert_allclose(found.equilibrium.positions, again.positions, atol=1e-8)
 
 
+def test_a_robot_keeps_clear_of_obstacles_or_presses_on_them_as_settling_says() -> None:
+    turned = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)
+    wall = Obstacle.half_space("wall", position=(-0.05, 0.0, 0.0), orientation=turned, compliance=1e-4)
+    center, radius = np.array([0.075, 0.03, 0.29]), 0.02
+    scene = Scene([wall, Obstacle.sphere("ball", radius, position=center)])
+    press = tdcr.inverse.Press("wall", 0.05)
+    controller = tdcr.inverse.ShapeController("2m", scene=scene)
+    found = controller.reach(press=press, clearance=0.004)
+    again = tdcr.settle("2m", found.command, scene=scene)
+    assert found.outcome == "reached" and abs(found.forces[0] - 0.05) < 1e-5 and found.errors.shape == (0,)
+    assert again.contacts is not None and set(again.contacts.obstacle_names) == {"wall"}
+    # The plane's normal is x, and it gives way in proportion to the force.
+    assert again.contacts.force[:, 0].sum() == pytest.approx(found.forces[0], rel=1e-6)
+    assert np.maximum(-again.contacts.gap, 0.0).sum() / 1e-4 == pytest.approx(found.forces[0], rel=1e-6)
+    assert found.nearest is not None and found.nearest[0] == "ball" and found.nearest[2] >= 0.004
+    # The ball's middle is out of reach for the tip: it stops at the distance, or another disc does.
+    kept = tdcr.inverse.shape("2m", tdcr.inverse.Target(position=center), scene=scene, clearance=0.004)
+    assert kept.outcome == "unreachable" and kept.obstacles[0][0] == "ball" and kept.obstacles[0][2] > 0.0
+    assert kept.nearest == ("ball", kept.obstacles[0][1], pytest.approx(0.004, abs=1e-4))
+    assert np.linalg.norm(kept.equilibrium.tip - center) == pytest.approx(kept.errors[0])
+    assert kept.errors[0] > radius + 0.004
+    for wrong, error, says in [
+        (
+            {"press": press, "clearance": -1.0},
+            tdcr.errors.InputError,
+            "the clearance is -1 m; expected a finite distance of at least 0",
+        ),
+        ({"clearance": float("nan")}, tdcr.errors.InputError, "clearance"),
+        ({"press": tdcr.inverse.Press("wall", -1.0)}, tdcr.errors.InputError, "finite numbers above 0"),
+        ({"press": tdcr.inverse.Press("wall", 1.0, disc=10)}, tdcr.errors.InputError, "disc of a press is 10"),
+        ({"press": tdcr.inverse.Press("well", 1.0)}, tdcr.errors.SceneError, "no obstacle 'well'; expected one of wall, ball"),
+        ({}, tdcr.errors.InputError, "no target is given"),
+    ]:
+        with pytest.raises(error, match=says):
+            controller.reach(**wrong)
+    with pytest.raises(tdcr.errors.InputError, match="there are no obstacles"):
+        tdcr.inverse.shape("2m", tdcr.inverse.Target(position=center), clearance=0.001)
+    toy = Scene([Obstacle.sphere("toy", 0.01, position=(0.1, 0.0, 0.2), mass=0.1)])
+    with pytest.raises(tdcr.errors.InputError, match="the obstacle can move"):
+        tdcr.inverse.shape("2m", press=tdcr.inverse.Press("toy", 1.0), scene=toy)
+
+
 def test_clouds_and_streams_are_of_the_robot_among_obstacles() -> None:
     post = tdcr.Obstacle.cylinder("post", 0.01, 0.4, position=(-0.06, 0.0, 0.25))
     screen = tdcr.Obstacle.box("screen", (0.3, 0.002, 0.6), position=(0.0, -0.06, 0.3))

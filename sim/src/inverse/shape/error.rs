@@ -24,7 +24,7 @@ pub enum ShapeControlError {
         reason: &'static str,
     },
     /// A force that makes no sense.
-    #[error("press {index} is {press:?}: {reason}")]
+    #[error("press {index}, {} N on obstacle {}: {reason}", press.force, press.obstacle)]
     Press {
         /// Its place in the list, from 0.
         index: usize,
