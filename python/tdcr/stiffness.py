@@ -26,8 +26,8 @@ def smallest_stiffness(
 
     It is the smallest eigenvalue of the energy's Hessian by the joints' turns, the stiffness of contacts included, on those turns
     that keep the commanded lengths of taut inextensible tendons. Under moments and forces that turn with their disc it is the
-    smallest real part of the eigenvalues of the moments' Jacobian, which is no measure of stability. It takes several times as long
-    as settling.
+    smallest real part of the eigenvalues of the moments' Jacobian, which is no measure of stability. It takes several times as
+    long as settling.
 
     Args:
         robot, commands, payload, wrench, loads, scene: As of :func:`settle_batch`.

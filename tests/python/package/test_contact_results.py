@@ -60,7 +60,7 @@ def test_the_smallest_stiffness_is_that_of_the_hessian_with_contacts() -> None:
     np.testing.assert_allclose(tdcr.smallest_stiffness(BALLS, COMMAND, PAYLOAD), [expected], rtol=1e-5)
     assert found[0] != pytest.approx(expected, rel=1e-3) and expected > 0.0
     # Rows are those of single calls, and what does not settle has none.
-    rows = np.stack([COMMAND, COMMAND + [0.002, 0.0, 0.0]])
+    rows = np.stack([COMMAND, COMMAND + np.array([0.002, 0.0, 0.0])])
     several = tdcr.smallest_stiffness(BALLS, rows, PAYLOAD, scene=[SCENE, SCENE])
     assert several[0] == found[0] and several[1] != found[0]
     wrench = np.zeros((2, 10, 6))
