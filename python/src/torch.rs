@@ -9,7 +9,7 @@ use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
 use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
 use tdcr::learn::net::Channels;
 use tdcr::learn::options::{DataFacts, Net, Preset, Resolved, TrainOptions};
-use tdcr::learn::predict::select;
+use tdcr::learn::predict::{ISOLATED, ISOLATED_CORRECTED, select};
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
 use tdcr::pipeline;
 
@@ -195,16 +195,25 @@ pub fn start_noise(
     Ok(array(py, rows, [points, channels.count()])?)
 }
 
-/// Indices of the `count` of a cloud's drawn points (N, 3) (m) that make the cloud.
+/// Indices of the `count` of a cloud's drawn points (N, 3) (m) that make the cloud; `corrected`: whether they were.
 #[pyfunction]
 pub fn select_points<'py>(
     py: Python<'py>,
     points: PyReadonlyArray2<'py, f32>,
     count: usize,
+    corrected: bool,
 ) -> Outcome<Bound<'py, PyArray1<usize>>> {
+    let isolated = if corrected {
+        ISOLATED_CORRECTED
+    } else {
+        ISOLATED
+    };
     let rows = numpy::PyUntypedArrayMethods::shape(&*points)[0];
     let (points, _) = contiguous(&points, "points", &[rows, 3])?.as_chunks::<3>();
-    Ok(PyArray1::from_vec(py, py.detach(|| select(points, count))))
+    Ok(PyArray1::from_vec(
+        py,
+        py.detach(|| select(points, count, isolated)),
+    ))
 }
 
 /// Velocities (B, N, C) of the network in the model file `model`, in float32, of points (B, N, C) at flow times (B,) under

@@ -209,7 +209,7 @@ pub(super) fn comparison_notes(metrics: &Metrics) -> Vec<String> {
             metrics.points, metrics.emd_points
         ),
         "A perfect predictor draws points of the seen surface independently of each other; evenly spread, it draws half as \
-         many again and leaves out isolated and crowded ones, as a network's cloud does; the floor's view has its pixels and \
+         many again and leaves out isolated and crowded ones, as the cloud of a refined network does; the floor's view has its pixels and \
          voxels in a random phase."
             .to_owned(),
         format!(

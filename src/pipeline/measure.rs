@@ -6,7 +6,7 @@ use tdcr_learn::data::Sample;
 use tdcr_learn::metrics::{
     MetricError, chamfer, color_error, emd, emd_squared, nearest_distances, rank_correlation,
 };
-use tdcr_learn::predict::{Prediction, select};
+use tdcr_learn::predict::{ISOLATED_CORRECTED, Prediction, select};
 use tdcr_sim::robot::Robot;
 use tdcr_sim::statics::Equilibrium;
 
@@ -76,8 +76,8 @@ impl Measure<'_> {
         })
     }
 
-    /// What other samples of the true surface score: a perfect predictor, the same whose points are selected as a network's are,
-    /// and the sampling floor. For CD the floor's sample is a view in a random phase of pixels and voxels; but that has some
+    /// What other samples of the true surface score: a perfect predictor, the same whose points are selected as those of a refined
+    /// network are, and the sampling floor. For CD the floor's sample is a view in a random phase of pixels and voxels; but that has some
     /// parts, like a base, in another density, which counts in the earth mover's distances: for them it is other points of the
     /// true cloud, where there are enough.
     pub fn references(
@@ -99,7 +99,7 @@ impl Measure<'_> {
         let select = |count: usize| {
             let drawn = &again.independent.points;
             let drawn = &drawn[..with_spare(count).min(drawn.len())];
-            let kept = select(drawn, count);
+            let kept = select(drawn, count, ISOLATED_CORRECTED);
             kept.into_iter().map(|k| drawn[k]).collect::<Vec<_>>()
         };
         let clouds = [points, few].map(select);

@@ -67,7 +67,7 @@ pub use error::PredictError;
 pub use mean::MeanCommand;
 pub use nearest::NearestCommand;
 pub use prediction::Prediction;
-pub use selection::select;
+pub use selection::{ISOLATED, ISOLATED_CORRECTED, select};
 
 use crate::data::{Condition, Subject};
 

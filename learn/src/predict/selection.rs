@@ -2,18 +2,22 @@
 
 use crate::metrics::{evenly_spread, isolation};
 
-/// Share of the drawn points that may be left out for being alone. More than that costs edges of the robot.
-const ISOLATED: f64 = 0.01;
+/// Share of the ends of a flow that may be left out for being alone. More than that costs edges of the robot.
+pub const ISOLATED: f64 = 0.01;
+
+/// The same of points that were corrected ([`Model::predict`](crate::train::Model::predict)): hardly any of them is off the
+/// surface.
+pub const ISOLATED_CORRECTED: f64 = 0.001;
 
 /// Indices, in order, of the `count` of `points` (m) that make the cloud that they were drawn for; of all where there are no more,
 /// of the first where there are too few to tell.
 ///
-/// The hundredth of them that is the most alone ([`isolation`]) is left out first: points that a network brought to no surface
-/// have few others about them. Of the others those are kept that are [`evenly_spread`], as a voxel grid spreads the points
+/// The share `isolated` of them, 0 to 1, that is the most alone ([`isolation`]) is left out first, as far as there are points to
+/// spare: points that a network brought to no surface have few others about them. Of the others those are kept that are [`evenly_spread`], as a voxel grid spreads the points
 /// of a camera: chance has independent points crowd here and miss the surface there.
-pub fn select(points: &[[f32; 3]], count: usize) -> Vec<usize> {
+pub fn select(points: &[[f32; 3]], count: usize, isolated: f64) -> Vec<usize> {
     let spare = points.len().saturating_sub(count);
-    let alone = ((ISOLATED * points.len() as f64).ceil() as usize).min(spare);
+    let alone = ((isolated * points.len() as f64).ceil() as usize).min(spare);
     let company = least_isolated(points, points.len() - alone);
     if company.len() <= count {
         return company;
@@ -58,9 +62,9 @@ mod tests {
         let (points, outliers) = plane_and_outliers();
         // Of 405 points as many as five may be left out for being alone.
         let all_but = |out: &[usize]| (0..405).filter(|k| !out.contains(k)).collect::<Vec<_>>();
-        assert_eq!(select(&points, 400), all_but(&outliers));
-        assert_eq!(select(&points, 405), all_but(&[]));
-        let fewer = select(&points, 200);
+        assert_eq!(select(&points, 400, ISOLATED), all_but(&outliers));
+        assert_eq!(select(&points, 405, ISOLATED), all_but(&[]));
+        let fewer = select(&points, 200, ISOLATED);
         assert_eq!(fewer.len(), 200);
         assert!(fewer.is_sorted());
         assert!(outliers.iter().all(|k| !fewer.contains(k)));
@@ -69,8 +73,8 @@ mod tests {
     #[test]
     fn of_too_few_points_to_tell_the_first_are_taken() {
         let points: Vec<_> = (0..10).map(|k| [k as f32, 0.0, 0.0]).collect();
-        assert_eq!(select(&points, 4), [0, 1, 2, 3]);
-        assert_eq!(select(&points[..3], 4), [0, 1, 2]);
-        assert!(select(&[], 4).is_empty());
+        assert_eq!(select(&points, 4, ISOLATED), [0, 1, 2, 3]);
+        assert_eq!(select(&points[..3], 4, ISOLATED), [0, 1, 2]);
+        assert!(select(&[], 4, ISOLATED).is_empty());
     }
 }

@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
-use super::refined::Refined;
+use super::refined::{Drawn, Refined};
 use super::settings::TrainSettings;
 use crate::channels::{Channels, DIM};
 use crate::data::{Normalisation, Subject};
 use crate::flow::{Reach, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
-use crate::predict::{PredictError, Prediction, select};
+use crate::predict::{PredictError, Prediction};
 use crate::prior::{Prior, SurfaceError, SurfacePrior, start_from};
 use crate::symmetry::{Reduced, Reduction};
 
@@ -80,8 +80,9 @@ impl Model {
     /// its last value is the payload (kg).
     ///
     /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts
-    /// from is a function of `seed`. Where the sampler draws spare points, [`select`] says which are left out. Commands outside
-    /// the training range are extrapolated, without any guarantee.
+    /// from is a function of `seed`. Where the sampler draws spare points, [`select`](crate::predict::select) says which are left out. A
+    /// refined model, whose sampler denoises at the time of the refinement, corrects the points by one more evaluation. Commands
+    /// outside the training range are extrapolated, without any guarantee.
     ///
     /// # Errors
     /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity, and where
@@ -160,10 +161,12 @@ impl Model {
             let all: Vec<_> = (0..drawn).collect();
             start_from(&surface, &all, channels, &mut rows);
         }
-        let evaluations = sampler.integrate(&self.field(), &reduced.condition, &mut rows);
-        let mut positions = positions(&rows, channels);
-        // Of the representative, so that clouds of commands that are alike are so point by point.
-        let kept = select(&positions, points);
+        // Selected of the representative, so that clouds of commands that are alike are so point by point.
+        let Drawn {
+            mut positions,
+            kept,
+            evaluations,
+        } = (self.field()).draw(sampler, &reduced.condition, &mut rows, points);
         let components = positions.as_flattened_mut();
         normalisation.denormalise_points(components);
         if !reduction.is_trivial() {
@@ -319,12 +322,6 @@ impl Model {
             })
         })
     }
-}
-
-/// The positions in `rows` `(N, C)`.
-pub(super) fn positions(rows: &[f32], channels: Channels) -> Vec<[f32; DIM]> {
-    let rows = rows.chunks_exact(channels.count());
-    rows.map(|row| [row[0], row[1], row[2]]).collect()
 }
 
 /// The colours in `rows` `(N, C)`, 8-bit, if there are any.

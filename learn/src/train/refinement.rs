@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use tdcr_base::hash::hash_all;
 
 use super::error::{SettingsError, TrainError};
-use super::model::{Model, positions};
+use super::model::Model;
 use super::optimizer::Optimizer;
-use super::refined::Refined;
+use super::refined::{Refined, positions};
 use super::samples::Samples;
 use super::settings::{Refinement, Target, TrainSettings};
 use super::{start, state};

@@ -4,14 +4,14 @@ use rand::Rng;
 use rayon::prelude::*;
 
 use super::error::TrainError;
-use super::model::{Model, positions};
+use super::model::Model;
 use super::refined::Refined;
 use super::settings::TrainSettings;
 use crate::channels::DIM;
 use crate::data::CloudSet;
 use crate::flow::{Stream, VelocityField, rng};
 use crate::metrics::{MetricError, nearest_distances};
-use crate::predict::{Prediction, select};
+use crate::predict::Prediction;
 use crate::prior::start_from;
 
 /// Share of the points that twice their uncertainty is to cover.
@@ -40,10 +40,9 @@ pub(super) fn predict_cloud(
         let chosen: Vec<_> = (0..drawn).map(of).collect();
         start_from(surface, &chosen, channels, &mut rows);
     }
-    (settings.sampler).integrate(&field, set.condition(cloud), &mut rows);
-    let predicted = positions(&rows, channels);
-    let kept = select(&predicted, count).into_iter();
-    kept.map(|k| predicted[k]).collect()
+    let drawn = field.draw(&settings.sampler, set.condition(cloud), &mut rows, count);
+    let kept = drawn.kept.into_iter();
+    kept.map(|k| drawn.positions[k]).collect()
 }
 
 impl Model {

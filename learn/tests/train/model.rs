@@ -8,7 +8,7 @@ use serde_json::json;
 use tdcr_learn::flow::{FlowPath, Sampler, Stream, rng};
 use tdcr_learn::metrics::surface_spread;
 use tdcr_learn::net::{Channels, NetworkShape};
-use tdcr_learn::predict::select;
+use tdcr_learn::predict::{ISOLATED, select};
 use tdcr_learn::train::{Model, Trainer, TrainingState};
 use tempfile::TempDir;
 
@@ -81,7 +81,7 @@ fn spare_points_are_drawn_and_left_out_as_selection_says() {
         model.predict(&[0.01, 0.02], points, 7, &sampler).unwrap()
     };
     let (all, kept) = (predict(60, 0.0), predict(40, 0.5));
-    let selected = select(&all.points, 40);
+    let selected = select(&all.points, 40, ISOLATED);
     let expected: Vec<_> = selected.iter().map(|&k| all.points[k]).collect();
     assert_eq!(kept.points, expected);
     assert_ne!(kept.points, all.points[..40]);

@@ -6,6 +6,7 @@ use tdcr_learn::data::CloudSet;
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::metrics::nearest_distances;
 use tdcr_learn::net::Channels;
+use tdcr_learn::predict::{ISOLATED, ISOLATED_CORRECTED, select};
 use tdcr_learn::train::{
     Feed, Model, Refinement, Refiner, Target, Teacher, TrainSettings, Trainer, TrainingState,
 };
@@ -109,6 +110,32 @@ fn it_is_saved_with_the_model_and_used_at_its_own_time_alone() {
     for other in [None, Some(0.99)] {
         assert_eq!(cloud(&refined, other), cloud(&plain, other));
     }
+}
+
+#[test]
+fn corrected_points_take_one_more_evaluation_and_hardly_any_is_left_out_for_being_alone() {
+    let (training, validation) = (bars(16, 1), bars(3, 2));
+    let plain = flow(&training, &validation);
+    let refined = refine(&plain, &training, &validation);
+    let predict = |model: &Model, points, spare| {
+        let sampler = Sampler {
+            spare,
+            ..plain.settings.sampler
+        };
+        model.predict(&[0.01, 0.02], points, 7, &sampler).unwrap()
+    };
+    for (model, isolated) in [(&plain, ISOLATED), (&refined, ISOLATED_CORRECTED)] {
+        let drawn = predict(model, 600, 0.0);
+        let [own, other] = [isolated, ISOLATED + ISOLATED_CORRECTED - isolated].map(|isolated| {
+            let kept = select(&drawn.points, 400, isolated).into_iter();
+            kept.map(|k| drawn.points[k]).collect::<Vec<_>>()
+        });
+        let cloud = predict(model, 400, 0.5).points;
+        assert_eq!(cloud, own);
+        assert_ne!(cloud, other);
+    }
+    let [before, after] = [&plain, &refined].map(|model| predict(model, 40, 0.0).evaluations);
+    assert_eq!(after, before + 1);
 }
 
 #[test]

@@ -211,7 +211,8 @@ def integrate(
 ) -> Tensor:
     """Moves samples of the prior (B, N, C) to data (B, N, C), under conditions (B, D).
 
-    `last` is the field of the last denoising, where it is another one: a model's refinement. Where `reach` says where data are,
+    `last` is the field of the last denoising, where it is another one: a model's refinement, which then corrects its own points
+    (:func:`corrected`). Where `reach` says where data are,
     velocities are bounded to point there: a learned one may carry points off from places that the training hardly knows.
     """
     sampler = sampler or Sampler()
@@ -228,7 +229,23 @@ def integrate(
     if sampler.denoise is None:
         return data
     field = last or field
-    return sampler.bound(data + (1 - sampler.denoise) * velocity(sampler.denoise, data))
+    data = sampler.bound(data + (1 - sampler.denoise) * velocity(sampler.denoise, data))
+    return data if last is None else corrected(velocity, sampler.denoise, data)
+
+
+#: Displacement half of which is made in the correction of what a refinement leaves beside the surface: about half a millimetre.
+HALFWAY = 1.25e-3
+
+
+def corrected(velocity: Callable[[float, Tensor], Tensor], t: float, x: Tensor) -> Tensor:
+    """The points x (B, N, C) after one more evaluation at the time t of the last denoising, `velocity` its field.
+
+    With the displacement d there, positions move by d |d|^2 / (|d|^2 + HALFWAY^2): nearly all of the way where they are far off,
+    hardly where they are on the surface. Colours stay.
+    """
+    step = (1 - t) * velocity(t, x)[..., :3]
+    squared = (step**2).sum(-1, keepdim=True)
+    return torch.cat([x[..., :3] + squared / (squared + HALFWAY**2) * step, x[..., 3:]], -1)
 
 
 #: Points after a step from where it took them.

@@ -199,7 +199,7 @@ class Model:
             rows = ends.float().cpu().numpy()
             if not np.isfinite(rows).all():
                 raise TrainError("the network's cloud is not finite")
-            clouds.append(rows[_tdcr.select_points(rows[:, :3].copy(), points)])
+            clouds.append(rows[_tdcr.select_points(rows[:, :3].copy(), points, last is not None)])
         rows_of_all = np.stack(clouds)
         metres = rows_of_all[..., :3].astype(np.float64) * self.provenance["normalisation"]["scale"]
         for cloud, symmetry in zip(metres, moved, strict=True):

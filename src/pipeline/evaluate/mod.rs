@@ -26,7 +26,7 @@ use super::{EvalError, Monitor, PipelineError};
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 13;
+const JOURNAL_FORMAT: u32 = 14;
 
 /// Predictions of a method that are timed.
 const TIMED: usize = 3;

@@ -131,7 +131,14 @@ class Again:
             x = v_end / v * x + h / v * data + factor * slope
             before, lacked = (t, data), first
         last = "refinement." if denoise == sampler["denoise"] else ""
-        return x + (1 - denoise) * self.velocity(x, denoise, condition, last)
+        x = x + (1 - denoise) * self.velocity(x, denoise, condition, last)
+        return self.corrected(x, denoise, condition) if last else x
+
+    def corrected(self, x: Array, t: float, condition: Array) -> Array:
+        step = (1 - t) * self.velocity(x, t, condition, "refinement.")
+        squared = (step**2).sum(1, keepdims=True)
+        moved: Array = x + squared / (squared + 0.00125**2) * step
+        return moved
 
     def predict(self, command: list[float], drawn: int, seed: int, denoise: float) -> Array:
         condition, symmetry = self.representative(command)
@@ -161,10 +168,13 @@ def test_a_cloud_is_that_of_a_program_that_knows_the_documents_alone(
     np.testing.assert_allclose(theirs, again.predict(command, 300, 4, own if denoise is None else denoise), atol=5e-6)
 
 
-def test_the_points_that_are_the_most_alone_go_first(model: Path) -> None:
-    # Of 404 points 1 % are five, and four are spare: those alone, and no crowded one.
-    theirs = tdcr.Predictor(model, "float32").predict(COMMANDS[0], 400, seed=4, sampler_spare=0.01)[0]
+@pytest.mark.parametrize(("denoise", "count", "spare"), [(0.98, 400, 0.01), (None, 999, 0.001)])
+def test_the_points_that_are_the_most_alone_go_first(model: Path, denoise: float | None, count: int, spare: float) -> None:
+    # Of 404 points 1 % are five, and four are spare: those alone, and no crowded one. Of 1,000 corrected ones it is the one.
+    options = {"sampler_spare": spare, "sampler_denoise": denoise}
+    theirs = tdcr.Predictor(model, "float32").predict(COMMANDS[0], count, seed=4, **options)[0]
     again = Again(File(model))
-    points = again.predict(COMMANDS[0], 404, 4, again.settings["sampler"]["denoise"])
-    kept = np.sort(np.argsort(isolation(points))[:400])
+    drawn = count + int(np.ceil(np.float32(spare) * count))
+    points = again.predict(COMMANDS[0], drawn, 4, denoise or again.settings["sampler"]["denoise"])
+    kept = np.sort(np.argsort(isolation(points))[:count])
     np.testing.assert_allclose(theirs, points[kept], atol=5e-6)
