@@ -25,7 +25,7 @@ pub struct SamplerPlan {
     #[arg(long, value_name = "TOL", conflicts_with = "sampler_power")]
     pub sampler_tolerance: Option<f32>,
     /// Flow time T, below 1, of a last evaluation that takes the points to the data predicted there; 1: no such evaluation.
-    /// A refined model makes it by a network of its own at its own time, at others by the flow's network [default: the model's own]
+    /// A refined model makes it by a network of its own at its own time, and again to correct points, at others by the flow's network [default: the model's own]
     #[arg(long, value_name = "T")]
     pub sampler_denoise: Option<f32>,
     /// Points to draw beyond those asked for, as a share of these; isolated and crowded ones are left out [default: the model's

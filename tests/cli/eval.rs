@@ -118,7 +118,7 @@ fn tables_show_quantiles_and_the_worst_commands() {
         "worst: test",
         "--command 0.0",
         "duality gaps are at most",
-        "of 17 evaluations of the network each",
+        "of 18 evaluations of the network each",
     ] {
         assert!(table.contains(expected), "{expected}\n{table}");
     }
