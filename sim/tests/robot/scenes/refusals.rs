@@ -303,7 +303,7 @@ fn laws_of_contacts_are_those_that_there_are() {
         ),
         (
             "compliant = { time = 1 }",
-            "unknown field `time`, expected `relaxation`",
+            "unexpected keys in table: time, available keys: relaxation",
         ),
     ] {
         let refused = scene(&format!("contact_law = {{ {law} }}")).unwrap_err();
