@@ -108,6 +108,7 @@ impl Scene {
         Self {
             obstacles: obstacles.collect(),
             self_contact: self.self_contact,
+            contact_law: self.contact_law,
         }
     }
 
