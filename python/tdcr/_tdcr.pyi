@@ -87,6 +87,7 @@ __all__ = [
     "settle_rows",
     "settle_rows_among",
     "sketch",
+    "smallest_stiffness_rows",
     "start_noise",
     "study",
     "threads",

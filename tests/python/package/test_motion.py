@@ -377,7 +377,7 @@ def test_tendons_rub_in_motion_and_copies_keep_what_their_contacts_bear(integrat
     command = np.array([0.002, 0.02, 0.02, 0.02, 0.01, 0.02])
     for one in (moving, smooth):
         one.reset([0.02] * 6)
-        one.step(command, frame_skip=300)
+        one.step(command, frame_skip=100)
     assert smooth.tendons == () and smooth.dissipated == 0.0
     assert np.linalg.norm(moving.tip - smooth.tip) > 1e-3 and moving.dissipated > 0.0
     for tendon in moving.tendons:
@@ -386,10 +386,13 @@ def test_tendons_rub_in_motion_and_copies_keep_what_their_contacts_bear(integrat
         pulling = before > 0.0
         ratio = np.log(after[pulling] / before[pulling])
         assert np.all(np.abs(ratio) <= 0.2 * tendon.wrap_angles[pulling] + 1e-12)
-    assert {slip for tendon in moving.tendons for slip in tendon.slip} > {"sticks"}
+    assert {slip for tendon in moving.tendons for slip in tendon.slip} & {"to servo", "to end"}
     copies = [copy.deepcopy(moving), pickle.loads(pickle.dumps(moving))]
     for one in (moving, *copies):
-        one.step([0.02] * 6, frame_skip=100)
+        one.step(command, frame_skip=300)
+    # Where it has come to rest all stick, loaded.
+    assert {slip for tendon in moving.tendons for slip in tendon.slip} == {"sticks"}
+    assert any(tendon.deflections.any() for tendon in moving.tendons)
     for one in copies:
         assert np.array_equal(one.positions, moving.positions) and np.array_equal(one.velocity, moving.velocity)
     # From a state alone nothing is loaded.
