@@ -119,8 +119,7 @@ class MotionProblem:
             np.asarray(by, dtype=np.float64).reshape(rows, steps, discs, width)
             for by, width in ((by_positions, 3), (by_quaternions, 4), (by_velocity, 3))
         ]
-        shapes = [self.commands.shape[1:], (discs, 4), (discs, 3), (), self.wrench.shape[1:], (len(self.names),)]
-        gradients, by_poses = [np.zeros((rows, *shape)) for shape in shapes], np.zeros(self.poses.shape)
+        *gradients, by_poses = (np.zeros((rows, *shape)) for shape in self._shapes())
         counts = np.any([by.any(axis=(1, 2, 3)) for by in by_states], axis=0)
         if counts.any():
             found = rollout_vjp(
@@ -151,11 +150,8 @@ class MotionProblem:
         Rows that diverge have changes that are not numbers, unless nothing of them changes.
         """
         rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[-2]
-        shapes = [
-            *((steps, self.commands.shape[2]), (discs, 4), (discs, 3), (), self.wrench.shape[1:], (len(self.names),)),
-            self.poses.shape[1:],
-        ]
-        by = [np.asarray(rate, dtype=np.float64).reshape(rows, *shape) for rate, shape in zip(rates, shapes, strict=True)]
+        given = zip(rates, self._shapes(), strict=True)
+        by = [np.asarray(rate, dtype=np.float64).reshape(rows, *shape) for rate, shape in given]
         changes = [np.zeros((rows, steps, discs, width)) for width in (3, 4, 3)]
         counts = np.zeros(rows, dtype=np.bool_)
         for rate in by:
@@ -179,6 +175,13 @@ class MotionProblem:
                 change[counts] = part
         positions, quaternions, velocity = (change.reshape(*self.leading, *change.shape[1:]) for change in changes)
         return positions, quaternions, velocity
+
+    def _shapes(self) -> list[tuple[int, ...]]:
+        """Shapes of a row of what motions are differentiated by, in the order of :meth:`of`: commands, start, payload, wrench,
+        values and poses."""
+        discs = self.wrench.shape[-2]
+        start = (discs, 4), (discs, 3)
+        return [self.commands.shape[1:], *start, (), self.wrench.shape[1:], (len(self.names),), self.poses.shape[1:]]
 
     def _scenes(self, chosen: Any) -> Scene | list[Scene] | None:
         """The scenes of some rows: one for all, or one for each."""

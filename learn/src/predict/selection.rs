@@ -13,8 +13,9 @@ pub const ISOLATED_CORRECTED: f64 = 0.001;
 /// of the first where there are too few to tell.
 ///
 /// The share `isolated` of them, 0 to 1, that is the most alone ([`isolation`]) is left out first, as far as there are points to
-/// spare: points that a network brought to no surface have few others about them. Of the others those are kept that are [`evenly_spread`], as a voxel grid spreads the points
-/// of a camera: chance has independent points crowd here and miss the surface there.
+/// spare: points that a network brought to no surface have few others about them. Of the others those are kept that are
+/// [`evenly_spread`], as a voxel grid spreads the points of a camera: chance has independent points crowd here and miss the
+/// surface there.
 pub fn select(points: &[[f32; 3]], count: usize, isolated: f64) -> Vec<usize> {
     let spare = points.len().saturating_sub(count);
     let alone = ((isolated * points.len() as f64).ceil() as usize).min(spare);

@@ -76,8 +76,9 @@ impl Stepper {
         }
     }
 
-    /// Of the step that was begun from `state`, the rates changed by `change` (rad/s, world axes; by nothing where it is empty): assumes what the tendons do in their
-    /// holes then. Returns whether that is something else than was assumed; the step is then begun anew with it.
+    /// Of the step that was begun from `state`, the rates changed by `change` (rad/s, world axes; by nothing where it is empty):
+    /// assumes what the tendons do in their holes then. Returns whether that is something else than was assumed; the step is then
+    /// begun anew with it.
     pub(crate) fn rub_again(
         &mut self,
         state: &State,
@@ -128,8 +129,8 @@ impl Stepper {
     }
 
     /// Loads the contacts of the tendons in their holes for steps from `configuration`, where `command` acts, as
-    /// [`tendon_profiles`](Self::tendon_profiles) had them: `deflections` (m), one for each interior hole of each tendon, or an empty list where no contact is loaded. Does nothing for
-    /// a robot without friction.
+    /// [`tendon_profiles`](Self::tendon_profiles) had them: `deflections` (m), one for each interior hole of each tendon, or an
+    /// empty list where no contact is loaded. Does nothing for a robot without friction.
     ///
     /// # Errors
     /// [`DynamicsError::Deflections`] where they are not of this robot, or not finite; [`DynamicsError::Size`] for a configuration of another.

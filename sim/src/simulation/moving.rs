@@ -160,9 +160,9 @@ impl MovingRobot {
         Ok(self.stepper.load_tendons(q, acting, deflections)?)
     }
 
-    /// Goes on with a motion that was left in `state` while `command` was [`acting`](Self::acting), where [`MovingRobot::taken`] was `taken`: as if it
-    /// had not been left, to the last bit. Objects stay where they are, and no contact of the tendons in their holes is loaded:
-    /// [`MovingRobot::place_objects`] and [`MovingRobot::load_tendons`] do that.
+    /// Goes on with a motion that was left in `state` while `command` was [`acting`](Self::acting), where [`MovingRobot::taken`]
+    /// was `taken`: as if it had not been left, to the last bit. Objects stay where they are, and no contact of the tendons in
+    /// their holes is loaded: [`MovingRobot::place_objects`] and [`MovingRobot::load_tendons`] do that.
     ///
     /// # Errors
     /// As [`MovingRobot::start_at`].

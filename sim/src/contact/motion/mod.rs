@@ -122,12 +122,14 @@ impl OwnContacts {
 }
 
 impl ContactStepper {
-    /// Steps of `stepper` among the obstacles of `scene`, with contacts that push by its [`contact_law`](Scene::contact_law), and the collision geometry [`Beads::new`].
+    /// Steps of `stepper` among the obstacles of `scene`, with contacts that push by its [`contact_law`](Scene::contact_law), and
+    /// the collision geometry [`Beads::new`].
     ///
     /// # Errors
     /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles;
-    /// [`DynamicsError::InFluid`] for a fluid and [`ContactLaw::Impedance`], [`DynamicsError::Rubbing`] for friction of tendons and that law; [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are; [`DynamicsError::Objects`] for
-    /// objects that cannot move.
+    /// [`DynamicsError::InFluid`] for a fluid and [`ContactLaw::Impedance`], [`DynamicsError::Rubbing`] for friction of tendons
+    /// and that law; [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are;
+    /// [`DynamicsError::Objects`] for objects that cannot move.
     pub fn new(stepper: Stepper, scene: &Scene) -> Result<Self, DynamicsError> {
         let beads = Beads::new(stepper.robot());
         Self::with_beads(stepper, scene, beads)

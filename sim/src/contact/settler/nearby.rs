@@ -26,9 +26,9 @@ const LEAST_RUBBING: f64 = 1.0 / 8.0;
 const MAX_TURN: f64 = 0.1;
 
 impl ContactSettler {
-    /// Solves from near the solution. From the last equilibrium, whose contacts' forces are known, by the balance with an active set where nothing rubs; or else
-    /// down the energy, at once or under barriers that fall to the last, each solve starting from the one before (Nocedal and Wright,
-    /// Numerical Optimization, ch. 19.1). Whether it is solved, and the number of steps.
+    /// Solves from near the solution. From the last equilibrium, whose contacts' forces are known, by the balance with an active
+    /// set where nothing rubs; or else down the energy, at once or under barriers that fall to the last, each solve starting from
+    /// the one before (Nocedal and Wright, Numerical Optimization, ch. 19.1). Whether it is solved, and the number of steps.
     pub(super) fn descend_near(&mut self, from: Start) -> (bool, usize) {
         let last = Hardness::of_barrier(self.last_barrier());
         let start = self.equations.iterate.configuration.clone();
@@ -103,24 +103,38 @@ impl ContactSettler {
     /// Solves the balance with friction along the way from the last equilibrium, in parts that are solved at once: `grip` is that of where the
     /// last of them begins. What resists sliding moves on with parts that are solved alone.
     fn rub_in_parts(&mut self, grip: &mut Grip) -> (bool, usize) {
+        let parts = Continuation::new(1.0, LEAST_RUBBING);
+        self.in_parts(parts, |settler, part, start| {
+            let (solved, steps) = settler.rub_at_once(grip);
+            let turned = turn_between(start, &settler.equations.iterate.configuration);
+            let led = solved && turned <= MAX_TURN;
+            if led && part < 1.0 {
+                *grip = Grip::at(&mut settler.equations);
+            }
+            (led, steps)
+        })
+    }
+
+    /// Leads the robot along the way of commands and loads from the last equilibrium, in parts of which each is solved by `solve`: given how far
+    /// the part goes and where the robot was before it, whether that led there and the number of steps. Whether the whole way is gone.
+    fn in_parts(
+        &mut self,
+        mut parts: Continuation,
+        mut solve: impl FnMut(&mut Self, f64, &Configuration) -> (bool, usize),
+    ) -> (bool, usize) {
         let (goal, from) = (self.command.clone(), self.before.clone());
-        let mut continuation = Continuation::new(1.0, LEAST_RUBBING);
         let (mut led, mut iterations) = (true, 0);
-        while let Some(part) = continuation.target() {
+        while let Some(part) = parts.target() {
             let start = self.equations.iterate.configuration.clone();
             self.go_to_part(&from, &goal, part);
-            let (solved, steps) = self.rub_at_once(grip);
+            let (solved, steps) = solve(self, part, &start);
             iterations += steps;
-            let turned = turn_between(&start, &self.equations.iterate.configuration);
-            if solved && turned <= MAX_TURN {
-                continuation.succeed(2.0);
-                if part < 1.0 {
-                    *grip = Grip::at(&mut self.equations);
-                }
+            if solved {
+                parts.succeed(2.0);
                 continue;
             }
             self.go_back(&start);
-            if !continuation.fail(0.5) {
+            if !parts.fail(0.5) {
                 led = false;
                 break;
             }
@@ -165,27 +179,8 @@ impl ContactSettler {
 
     /// The balance along the way of commands and loads from the last equilibrium, in parts of it that are solved at once.
     fn balance_in_parts(&mut self) -> (bool, usize) {
-        let (goal, from) = (self.command.clone(), self.before.clone());
-        let mut continuation = Continuation::new(0.5, LEAST_PART);
-        let (mut led, mut iterations) = (true, 0);
-        while let Some(part) = continuation.target() {
-            let start = self.equations.iterate.configuration.clone();
-            self.go_to_part(&from, &goal, part);
-            let (solved, steps) = self.balance_at_once();
-            iterations += steps;
-            if solved {
-                continuation.succeed(2.0);
-                continue;
-            }
-            self.go_back(&start);
-            if !continuation.fail(0.5) {
-                led = false;
-                break;
-            }
-        }
-        self.command = goal;
-        self.weight.set(&self.equations.robot, &self.loads);
-        (led, iterations)
+        let parts = Continuation::new(0.5, LEAST_PART);
+        self.in_parts(parts, |settler, _, _| settler.balance_at_once())
     }
 
     /// The balance from where the equations stand.

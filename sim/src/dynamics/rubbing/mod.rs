@@ -8,9 +8,9 @@
 //!
 //! `tau` with the tensions `T_0` at the servos all along. Whoever solves that looks at what the law says of the motion that comes of it,
 //! assumes that, and solves again until it is the same (a primal-dual active set, as in the statics). In implicit steps `K`, the bends of the
-//! tendons under these tensions and the wrap angles at the end of the step are in it as well; in semi-implicit ones only what sticks is, which is far too stiff
-//! to be explicit. What the contacts bear then is computed by the law at the lengths that the tendons have come to. So, however long the
-//! steps, no contact is beyond its cone, and none gives energy that it has not taken.
+//! tendons under these tensions and the wrap angles at the end of the step are in it as well; in semi-implicit ones only what
+//! sticks is, which is far too stiff to be explicit. What the contacts bear then is computed by the law at the lengths that the
+//! tendons have come to. So, however long the steps, no contact is beyond its cone, and none gives energy that it has not taken.
 
 use nalgebra::Vector3;
 

@@ -8,8 +8,8 @@ use crate::scene::Scene;
 pub struct ContactGoals {
     /// Obstacles to press on, and with which forces.
     pub presses: Vec<Press>,
-    /// Least distance (m) of the robot's [`Beads`](crate::geometry::Beads) from all obstacles that it is not to press on, 0 or above: at 0 it touches none of
-    /// them. `None` if it may touch them.
+    /// Least distance (m) of the robot's [`Beads`](crate::geometry::Beads) from all obstacles that it is not to press on, 0 or
+    /// above: at 0 it touches none of them. `None` if it may touch them.
     pub clearance: Option<f64>,
 }
 
