@@ -110,8 +110,8 @@ impl MovingRobot {
     }
 
     /// Loads the contacts in the holes with deflections (m), a list for each tendon.
-    fn load_tendons(&mut self, deflections: Vec<Vec<f64>>) -> Outcome<()> {
-        Ok(self.0.load_tendons(&deflections)?)
+    fn set_deflections(&mut self, deflections: Vec<Vec<f64>>) -> Outcome<()> {
+        Ok(self.0.set_deflections(&deflections)?)
     }
 
     /// Energy turned into heat in the holes since the start (J).

@@ -181,6 +181,6 @@ class MovingRobot:
         configuration, velocity, command = saved["state"]
         self._native.resume_at(configuration, velocity, self._take(command), saved["clock"])
         if deflections := saved.get("deflections"):
-            self._native.load_tendons(deflections)
+            self._native.set_deflections(deflections)
         if (objects := saved.get("objects")) is not None and len(objects):
             self.place_objects(objects)

@@ -325,7 +325,7 @@ impl Row {
                 moving.resume_at(&state, &acting, (taken >= 0.0).then_some(taken as u64))?;
                 let holes = rubbed_holes(&self.robot);
                 let deflections = holes.iter().map(|&count| tape.take(count).to_vec());
-                moving.load_tendons(&deflections.collect::<Vec<_>>())?;
+                moving.set_deflections(&deflections.collect::<Vec<_>>())?;
             }
         }
         Ok(())

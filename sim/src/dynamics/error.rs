@@ -50,7 +50,7 @@ pub enum DynamicsError {
         Integrator::SemiImplicitEuler,
         Integrator::ImplicitEuler
     )]
-    Rubbing {
+    TendonFriction {
         /// The tendon, from 0.
         tendon: usize,
     },
@@ -60,7 +60,7 @@ pub enum DynamicsError {
          through a hole of each disc on their way up; leave out its `friction`, or let the tendons go through all discs",
         tendon + 1
     )]
-    RubbingRoute {
+    FrictionRoute {
         /// The tendon with friction, from 0.
         tendon: usize,
     },

@@ -88,14 +88,8 @@ impl Stepper {
         let Some(mut rubbing) = self.rubbing.take() else {
             return false;
         };
-        let chain = &self.equations.posture.chain;
-        let joints = state.velocity.as_chunks::<3>().0.iter();
-        let joints = joints.zip(self.accelerations.as_chunks::<3>().0);
-        let mut rates: Vec<Vector3<f64>> = (joints.enumerate())
-            .map(|(joint, (v, a))| {
-                chain.axes(joint) * (Vector3::from(*v) + Vector3::from(*a) * self.timestep)
-            })
-            .collect();
+        let ends = self.rates(state, &self.accelerations);
+        let mut rates: Vec<Vector3<f64>> = ends.map(|[_, end]| end).collect();
         for (rate, change) in rates.iter_mut().zip(change) {
             *rate += change;
         }
@@ -115,8 +109,8 @@ impl Stepper {
         }
     }
 
-    /// Contacts of the tendons in their holes where the last step led the robot, one profile for each tendon; none of a robot without friction.
-    /// Steps from another state begin with no contact loaded.
+    /// Each tendon along its route where the last step led the robot, with its contacts in the holes; none of a robot without friction.
+    /// Steps from another configuration begin with no contact loaded.
     pub fn tendon_profiles(&self) -> &[TendonProfile] {
         self.rubbing.as_ref().map_or(&[], |rubbing| &rubbing.before)
     }
@@ -128,13 +122,13 @@ impl Stepper {
             .map_or(0.0, |rubbing| rubbing.dissipated)
     }
 
-    /// Loads the contacts of the tendons in their holes for steps from `configuration`, where `command` acts, as
+    /// Sets what the contacts of the tendons in their holes bear in steps from `configuration`, where `command` acts, as
     /// [`tendon_profiles`](Self::tendon_profiles) had them: `deflections` (m), one for each interior hole of each tendon, or an
     /// empty list where no contact is loaded. Does nothing for a robot without friction.
     ///
     /// # Errors
     /// [`DynamicsError::Deflections`] where they are not of this robot, or not finite; [`DynamicsError::Size`] for a configuration of another.
-    pub fn load_tendons(
+    pub fn set_deflections(
         &mut self,
         configuration: &Configuration,
         command: &Command,
@@ -194,14 +188,24 @@ impl Stepper {
                 &self.inertial
             }
         };
+        for (joint, rates) in self.rates(state, accelerations).enumerate() {
+            [begin[joint], end[joint]] = rates;
+        }
+    }
+
+    /// The rates of each joint in world axes (rad/s) at the begin of a step from `state` with these accelerations (rad/s²), and at its end.
+    fn rates(
+        &self,
+        state: &State,
+        accelerations: &[f64],
+    ) -> impl Iterator<Item = [Vector3<f64>; 2]> {
         let chain = &self.equations.posture.chain;
         let rates = state.velocity.as_chunks::<3>().0.iter();
         let rates = rates.zip(accelerations.as_chunks::<3>().0);
-        for (joint, (v, a)) in rates.enumerate() {
-            let axes = chain.axes(joint);
-            begin[joint] = axes * Vector3::from(*v);
-            end[joint] = axes * (Vector3::from(*v) + Vector3::from(*a) * self.timestep);
-        }
+        rates.enumerate().map(|(joint, (v, a))| {
+            let (v, a, axes) = (Vector3::from(*v), Vector3::from(*a), chain.axes(joint));
+            [axes * v, axes * (v + a * self.timestep)]
+        })
     }
 
     /// Writes the change of the joints' rates by `reactions`, one for each disc (rad/s, world axes). Not finite where there is none. What

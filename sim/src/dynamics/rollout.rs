@@ -78,7 +78,7 @@ impl Stepper {
     pub fn rollout(&mut self, rollout: &Rollout) -> Result<Vec<State>, DynamicsError> {
         let (robot, timestep) = (self.robot().clone(), self.timestep);
         if let Some(first) = rollout.commands.first() {
-            self.load_tendons(&rollout.start.configuration, first, &[])?;
+            self.set_deflections(&rollout.start.configuration, first, &[])?;
         }
         rollout.states(&robot, timestep, |state, command, loads| {
             self.step(state, command, loads)

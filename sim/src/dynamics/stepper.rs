@@ -90,7 +90,7 @@ impl Stepper {
         );
         let rubbing = match first_rubbing(robot) {
             Some(tendon) if !first_order || held.is_some() => {
-                return Err(DynamicsError::Rubbing { tendon });
+                return Err(DynamicsError::TendonFriction { tendon });
             }
             _ => Rubbing::new(robot)?,
         };
@@ -238,7 +238,9 @@ impl Stepper {
         }
     }
 
-    /// Energy of `state` under `command` and `loads`; inextensible tendons whose lengths are commanded have none.
+    /// Energy of `state` under `command` and `loads`; inextensible tendons whose lengths are commanded have none. That
+    /// of contacts that deflect in the tendons' holes is not in it: half their stiffness times the squares of
+    /// [`tendon_profiles`](Self::tendon_profiles)' deflections.
     ///
     /// # Errors
     /// [`DynamicsError`] when they are not of this robot.

@@ -137,7 +137,7 @@ impl MovingRobot {
         self.stepper.place_objects(None)?;
         self.stepper.check_start(state)?;
         (self.taken, self.phase) = (0, Phase::Started);
-        self.load_tendons(&[])
+        self.set_deflections(&[])
     }
 
     /// Each tendon along its route after the last time step, with the contacts in its holes; none of a robot whose tendons have no friction.
@@ -145,7 +145,7 @@ impl MovingRobot {
         self.stepper().tendon_profiles()
     }
 
-    /// Energy that tendons have turned into heat in their holes since the start (J), or since [`load_tendons`](Self::load_tendons).
+    /// Energy that tendons have turned into heat in their holes since the start (J), or since [`set_deflections`](Self::set_deflections).
     pub fn dissipated(&self) -> f64 {
         self.stepper().dissipated()
     }
@@ -155,14 +155,14 @@ impl MovingRobot {
     ///
     /// # Errors
     /// [`SimulationError::Dynamics`] for deflections of other tendons, or not finite.
-    pub fn load_tendons(&mut self, deflections: &[Vec<f64>]) -> Result<(), SimulationError> {
+    pub fn set_deflections(&mut self, deflections: &[Vec<f64>]) -> Result<(), SimulationError> {
         let (q, acting) = (&self.state.configuration, self.servos.acting());
-        Ok(self.stepper.load_tendons(q, acting, deflections)?)
+        Ok(self.stepper.set_deflections(q, acting, deflections)?)
     }
 
     /// Goes on with a motion that was left in `state` while `command` was [`acting`](Self::acting), where [`MovingRobot::taken`]
     /// was `taken`: as if it had not been left, to the last bit. Objects stay where they are, and no contact of the tendons in
-    /// their holes is loaded: [`MovingRobot::place_objects`] and [`MovingRobot::load_tendons`] do that.
+    /// their holes is loaded: [`MovingRobot::place_objects`] and [`MovingRobot::set_deflections`] do that.
     ///
     /// # Errors
     /// As [`MovingRobot::start_at`].
@@ -179,7 +179,7 @@ impl MovingRobot {
             Some(0) => Phase::Started,
             Some(_) => Phase::Checked,
         };
-        self.load_tendons(&[])
+        self.set_deflections(&[])
     }
 
     /// Time steps since the last start; `None` before the first.
@@ -295,7 +295,7 @@ impl Simulation for MovingRobot {
         self.tensions.copy_from_slice(&equilibrium.tendon_tensions);
         self.servos = Servos::at(self.stepper.robot(), command);
         (self.taken, self.phase) = (0, Phase::Started);
-        self.load_tendons(&[])?;
+        self.set_deflections(&[])?;
         self.place();
         settled(self.robot(), command, &self.settler.found().equilibrium)?;
         Ok(self.check_stable(command, loads)?)

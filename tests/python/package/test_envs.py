@@ -409,20 +409,6 @@ def test_copies_go_on_in_mid_episode_to_the_last_bit(name: str, dynamics: bool) 
     assert all(same(episode(one, None), expected) for one in copies)
 
 
-def test_copies_keep_what_friction_bears_in_the_holes() -> None:
-    robot = tdcr.Robot("2m").to_dict()
-    for module in robot["modules"]:
-        module["tendons"]["friction"] = {"coefficient": 0.2}
-    env = tdcr.envs.TendonRobotVectorEnv(3, "reach", robot=robot, dynamics=True)
-    env.reset(seed=2)
-    actions = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 3, 6))
-    for action in actions[:4]:
-        env.step(action)
-    twin = copy.deepcopy(env)
-    for action in actions[4:]:
-        assert same(twin.step(action), env.step(action))
-
-
 def test_a_failed_episode_stays_failed_in_a_copy() -> None:
     both = tdcr.envs.TendonRobotVectorEnv(2, "reach", dynamics=True)
     both.reset(seed=0)

@@ -356,3 +356,17 @@ def test_making_vectors_warns_of_nothing() -> None:
             env = vector(name, 2)
             env.reset(seed=0)
             env.step(env.action_space.sample())
+
+
+def test_copies_keep_what_friction_bears_in_the_holes() -> None:
+    robot = tdcr.Robot("2m").to_dict()
+    for module in robot["modules"]:
+        module["tendons"]["friction"] = {"coefficient": 0.2}
+    env = tdcr.envs.TendonRobotVectorEnv(3, "reach", robot=robot, dynamics=True)
+    env.reset(seed=2)
+    actions = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 3, 6))
+    for action in actions[:4]:
+        env.step(action)
+    twin = copy.deepcopy(env)
+    for action in actions[4:]:
+        assert data_equivalence(twin.step(action), env.step(action), exact=True)

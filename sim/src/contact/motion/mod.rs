@@ -127,7 +127,7 @@ impl ContactStepper {
     ///
     /// # Errors
     /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles;
-    /// [`DynamicsError::InFluid`] for a fluid and [`ContactLaw::Impedance`], [`DynamicsError::Rubbing`] for friction of tendons
+    /// [`DynamicsError::InFluid`] for a fluid and [`ContactLaw::Impedance`], [`DynamicsError::TendonFriction`] for friction of tendons
     /// and that law; [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are;
     /// [`DynamicsError::Objects`] for objects that cannot move.
     pub fn new(stepper: Stepper, scene: &Scene) -> Result<Self, DynamicsError> {
@@ -157,7 +157,7 @@ impl ContactStepper {
                     return Err(DynamicsError::InFluid);
                 }
                 if let Some(tendon) = stepper.first_rubbing() {
-                    return Err(DynamicsError::Rubbing { tendon });
+                    return Err(DynamicsError::TendonFriction { tendon });
                 }
                 mobilities = mobilities_of(&mut stepper)?;
             }
@@ -253,17 +253,17 @@ impl ContactStepper {
         Ok(())
     }
 
-    /// Loads the contacts of the tendons in their holes: [`Stepper::load_tendons`].
+    /// Loads the contacts of the tendons in their holes: [`Stepper::set_deflections`].
     ///
     /// # Errors
-    /// As [`Stepper::load_tendons`].
-    pub fn load_tendons(
+    /// As [`Stepper::set_deflections`].
+    pub fn set_deflections(
         &mut self,
         configuration: &Configuration,
         command: &Command,
         deflections: &[Vec<f64>],
     ) -> Result<(), DynamicsError> {
-        (self.stepper).load_tendons(configuration, command, deflections)
+        (self.stepper).set_deflections(configuration, command, deflections)
     }
 
     /// The states after each step of `rollout`, at the start of which the servos have come to the first command.
@@ -273,7 +273,7 @@ impl ContactStepper {
     pub fn rollout(&mut self, rollout: &Rollout) -> Result<Vec<State>, DynamicsError> {
         let timestep = self.stepper.timestep();
         if let Some(first) = rollout.commands.first() {
-            self.load_tendons(&rollout.start.configuration, first, &[])?;
+            self.set_deflections(&rollout.start.configuration, first, &[])?;
         }
         rollout.states(
             &self.stepper.robot().clone(),

@@ -74,14 +74,14 @@ impl Rubbing {
     /// Of a robot whose tendons have friction; none for others.
     ///
     /// # Errors
-    /// [`DynamicsError::RubbingRoute`] where a tendon does not pass each joint on its way once, by a segment of its own.
+    /// [`DynamicsError::FrictionRoute`] where a tendon does not pass each joint on its way once, by a segment of its own.
     pub fn new(robot: &Robot) -> Result<Option<Box<Self>>, DynamicsError> {
         let Some(tendon) = first_rubbing(robot) else {
             return Ok(None);
         };
         let blocks = StepBlocks::new(robot);
         let lu = ContactLu::new(robot, &blocks.expansion);
-        let lu = lu.ok_or(DynamicsError::RubbingRoute { tendon })?;
+        let lu = lu.ok_or(DynamicsError::FrictionRoute { tendon })?;
         let lines: Vec<Line> = (robot.tendons().iter())
             .map(|tendon| Line::new(robot, tendon))
             .collect();

@@ -281,7 +281,7 @@ fn a_motion_goes_on_from_what_its_contacts_bear() {
         let mut other = Stepper::new(&robot, 2e-3, integrator).unwrap();
         let mut again = left.clone();
         other
-            .load_tendons(&left.configuration, &command, &deflections)
+            .set_deflections(&left.configuration, &command, &deflections)
             .unwrap();
         steps(&mut other, &mut again, 60);
         assert_eq!(again, state);
@@ -304,7 +304,7 @@ fn a_motion_goes_on_from_what_its_contacts_bear() {
         // The stepper has come to this state just now: a rollout begins anew all the same.
         let mut other = Stepper::new(&robot, 2e-3, integrator).unwrap();
         other
-            .load_tendons(&left.configuration, &command, &deflections)
+            .set_deflections(&left.configuration, &command, &deflections)
             .unwrap();
         assert_eq!(other.rollout(&rollout).unwrap().last().unwrap(), &fresh);
     }
@@ -331,7 +331,9 @@ fn random_robots_keep_to_the_capstan_law_in_motion() {
         let robot = Robot::new(spec).unwrap();
         let mut stepper = match Stepper::new(&robot, 1e-3, Integrator::ImplicitEuler) {
             Ok(stepper) => stepper,
-            Err(DynamicsError::Rubbing { .. } | DynamicsError::RubbingRoute { .. }) => continue,
+            Err(DynamicsError::TendonFriction { .. } | DynamicsError::FrictionRoute { .. }) => {
+                continue;
+            }
             Err(other) => panic!("{other}"),
         };
         moved += 1;
@@ -370,7 +372,7 @@ fn what_friction_in_motion_cannot_do_is_refused() {
     let robot = rough_robot(0.2);
     for integrator in [Integrator::RungeKutta4, Integrator::ImplicitMidpoint] {
         let refused = Stepper::new(&robot, 1e-3, integrator).unwrap_err();
-        assert_eq!(refused, DynamicsError::Rubbing { tendon: 0 });
+        assert_eq!(refused, DynamicsError::TendonFriction { tendon: 0 });
     }
     let message = Lineariser::new(&robot, 1e-3).unwrap_err().to_string();
     assert!(message.contains("friction of tendons"), "{message}");
@@ -381,14 +383,14 @@ fn what_friction_in_motion_cannot_do_is_refused() {
         .with_contact_law(ContactLaw::Impedance(Default::default()))
         .unwrap();
     let refused = ContactStepper::new(stepper, &mujoco).unwrap_err();
-    assert_eq!(refused, DynamicsError::Rubbing { tendon: 0 });
+    assert_eq!(refused, DynamicsError::TendonFriction { tendon: 0 });
     let mut held: RobotSpec = rough_spec(0.1);
     for tendon in held.tendon_specs_mut() {
         (tendon.drive, tendon.axial_stiffness) = (Drive::Length, None);
     }
     let held = Robot::new(held).unwrap();
     let refused = Stepper::new(&held, 1e-3, Integrator::default()).unwrap_err();
-    assert_eq!(refused, DynamicsError::Rubbing { tendon: 0 });
+    assert_eq!(refused, DynamicsError::TendonFriction { tendon: 0 });
     let mut stepper = Stepper::new(&robot, 1e-3, Integrator::default()).unwrap();
     let straight = State::straight(&robot).configuration;
     for deflections in [
@@ -396,7 +398,7 @@ fn what_friction_in_motion_cannot_do_is_refused() {
         vec![vec![0.0; 3]; 6],
         vec![vec![f64::NAN; 4]; 6],
     ] {
-        let loaded = stepper.load_tendons(&straight, &robot.mean_command(), &deflections);
+        let loaded = stepper.set_deflections(&straight, &robot.mean_command(), &deflections);
         assert_eq!(
             loaded.unwrap_err(),
             DynamicsError::Deflections,
