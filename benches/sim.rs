@@ -176,25 +176,23 @@ fn step(criterion: &mut Criterion) {
             loads: Loads::default(),
             wrenches: Vec::new(),
         };
-        let states = stepper.rollout(&rollout).expect("a motion");
-        group.bench_function(
-            format!("gradient of {GRADIENT_STEPS} steps, {name}"),
-            |bencher| {
+        for (robot, stepper, with) in [
+            (&robot, &mut stepper, ""),
+            (&rough, &mut rubbing, " with friction of tendons"),
+        ] {
+            let states = stepper.rollout(&rollout).expect("a motion");
+            let number = format!("gradient of {GRADIENT_STEPS} steps, {name}{with}");
+            group.bench_function(number, |bencher| {
                 bencher.iter(|| {
                     let cost =
                         |_: usize, _: &State, by: &mut StateCotangent| by.coordinates.fill(1.0);
                     let parameters = [Parameter::Gain(0)];
-                    black_box(rollout_gradient(
-                        &robot,
-                        0.002,
-                        &rollout,
-                        &states,
-                        &parameters,
-                        cost,
-                    ))
+                    let found =
+                        rollout_gradient(robot, 0.002, &rollout, &states, &parameters, cost);
+                    black_box(found)
                 });
-            },
-        );
+            });
+        }
         let mut lineariser = Lineariser::new(&robot, 0.002).expect("a robot that can move");
         group.bench_function(format!("linearisation, {name}"), |bencher| {
             bencher.iter(|| black_box(lineariser.linearise(&state, &sweep[0], &Loads::default())));

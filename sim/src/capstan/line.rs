@@ -89,6 +89,12 @@ impl Line {
         self.add_slope(chain, segment, &self.directions[segment], out);
     }
 
+    /// The derivative of the length of a segment that passes one joint, from below it, by the turn of that (m/rad).
+    pub fn length_slope(&self, chain: &Chain, segment: usize) -> Vector3<f64> {
+        let centre = &chain.centres[self.route[segment].joints];
+        (self.points[segment + 1] - centre).cross(&self.directions[segment])
+    }
+
     /// Adds to `out` the derivative of the wrap angle between segments `place` and `place + 1` by
     /// the turn of each joint. Where the tendon goes straight on the angle has a kink, like the norm
     /// of a vector at zero; there the derivative 0 is taken.
@@ -114,8 +120,13 @@ impl Line {
         ]
     }
 
+    /// Unit vector of a segment, away from the servo; zero for a segment of no length.
+    pub fn direction(&self, segment: usize) -> &Vector3<f64> {
+        &self.directions[segment]
+    }
+
     /// Derivatives of the wrap angle by the spans of the two segments (rad/m); none where the tendon goes straight on.
-    fn wrap_by_ends(&self, place: usize) -> Option<[Vector3<f64>; 2]> {
+    pub fn wrap_by_ends(&self, place: usize) -> Option<[Vector3<f64>; 2]> {
         let (u, v) = (&self.directions[place], &self.directions[place + 1]);
         let (sin, cos) = (u.cross(v).norm(), u.dot(v));
         // d theta = -(v - cos u) / sin . du - (u - cos v) / sin . dv.

@@ -61,7 +61,8 @@ pub struct RolloutGradient {
 /// ([`Parameter::Pitch`]) moves the discs in a given configuration, its gradient has that too. Where servos follow late, the gradient is
 /// by the commands that are given. [`Parameter::Command`] stands for a change of the command of a tendon at all steps alike.
 ///
-/// The start is given: where it is the equilibrium of something, the gradient does not have what changes with it.
+/// The start is given: where it is the equilibrium of something, the gradient does not have what changes with it. Tendons with friction go on in
+/// their holes as they do, no contact being loaded at the start.
 ///
 /// # Errors
 /// [`DynamicsError`] when the motion is not of this robot, there is not one state per command, the robot does not have one of
@@ -108,6 +109,8 @@ pub(crate) fn gradient_by(
     let mut wrenches = vec![Vec::new(); steps];
     let mut loads = StepLoads::new(robot, rollout)?;
     adjoint.begin_obstacles();
+    let deflections = adjoint.deflections((rollout, states), &acting, &mut loads)?;
+    adjoint.by_deflections().for_each(|by| *by = 0.0);
     for step in (0..steps).rev() {
         seen.add(step + 1, &states[step], &mut cost, &mut cotangent);
         let before = match step.checked_sub(1) {
@@ -116,6 +119,10 @@ pub(crate) fn gradient_by(
         };
         let command = acting.command(step);
         let loads = loads.at(step)?;
+        if let Some(deflections) = deflections.get(step) {
+            let last = acting.command(step.saturating_sub(1));
+            adjoint.set_deflections(&before.configuration, last, deflections)?;
+        }
         adjoint.expand(before, command, loads)?;
         let model = &mut seen.model;
         let later = model.take_wrenches();

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::acceleration::EquationsOfMotion;
 use super::composite::{Composite, compose};
 use super::links::Link;
-use super::rubbing::first_rubbing;
+use super::rubbing::{RubbedStep, Rubbing};
 use super::{DynamicsError, State};
 use crate::energy::following::{add_forces, add_moments};
 use crate::energy::{DeadForces, Expansion, Potential};
@@ -25,8 +25,10 @@ pub(super) struct StepExpansion {
     pub composites: Vec<Composite>,
     /// Dead forces, and the following ones as they are in this posture.
     pub dead: DeadForces,
-    /// The potential's derivatives, following loads in its gradient.
+    /// The potential's derivatives, following loads in its gradient; where tendons have friction, without what changes of their tensions add.
     pub expansion: Expansion,
+    /// Tendons that have friction in their holes.
+    pub rubbed: Option<Box<RubbedStep>>,
 }
 
 impl StepExpansion {
@@ -34,12 +36,6 @@ impl StepExpansion {
     pub fn new(robot: &Robot, timestep: f64) -> Result<Self, DynamicsError> {
         if !(timestep.is_finite() && timestep > 0.0) {
             return Err(DynamicsError::Timestep(timestep));
-        }
-        if first_rubbing(robot).is_some() {
-            return Err(DynamicsError::Underivable {
-                what: "motions with friction of tendons in their holes",
-                expected: "tendons without `friction`",
-            });
         }
         let armatures = Link::armatures(robot, timestep);
         Ok(Self {
@@ -50,6 +46,7 @@ impl StepExpansion {
             composites: Vec::with_capacity(robot.discs().len()),
             dead: DeadForces::new(robot),
             expansion: Expansion::new(robot),
+            rubbed: None,
         })
     }
 
@@ -68,17 +65,21 @@ impl StepExpansion {
         Ok(())
     }
 
-    /// The same of a step with these accelerations, which are of more than the robot alone.
+    /// The same of a step with these accelerations, which are of more than the robot alone, and with its tendons in their holes.
     pub fn expand_at(
         &mut self,
         (state, command): (&State, &Command),
         loads: &Loads,
         accelerations: &[f64],
+        rubbing: Option<&Rubbing>,
     ) -> Result<(), DynamicsError> {
         self.equations.accept(state, command, loads)?;
         let (q, v) = (&state.configuration, &state.velocity);
         self.equations.enter(q, v, command.as_slice());
         self.accelerations.copy_from_slice(accelerations);
+        if let (Some(rubbed), Some(rubbing)) = (&mut self.rubbed, rubbing) {
+            rubbed.take(&self.equations, rubbing, command.as_slice(), accelerations);
+        }
         self.compose(state, command, loads);
         Ok(())
     }
@@ -95,7 +96,14 @@ impl StepExpansion {
             command: command.as_slice(),
             dead: &self.dead,
         };
-        potential.expand(&state.configuration, posture, &mut self.expansion);
+        let (q, expansion) = (&state.configuration, &mut self.expansion);
+        match &self.rubbed {
+            None => potential.expand(q, posture, expansion),
+            Some(rubbed) => {
+                let tension = |tendon: usize, place: usize| rubbed.tensions[tendon][place];
+                potential.expand_pulled(q, posture, tension, expansion);
+            }
+        }
         add_moments(loads, 1.0, posture, &mut self.expansion);
     }
 }

@@ -9,6 +9,7 @@ use super::composite::{Composite, Moved, cross_with_force};
 use super::expansion::StepExpansion;
 use super::implicit::{in_coordinates, mass_matrix};
 use super::jacobians::step_jacobians;
+use super::rubbing::first_rubbing;
 use super::step_adjoint::StepAdjoint;
 use super::{DynamicsError, State};
 use crate::energy::following::jacobian;
@@ -47,6 +48,12 @@ impl Lineariser {
 
     /// By the `adjoint` of steps.
     pub(crate) fn by(adjoint: StepAdjoint) -> Result<Self, DynamicsError> {
+        if first_rubbing(adjoint.robot()).is_some() {
+            return Err(DynamicsError::Underivable {
+                what: "single steps with friction of tendons in their holes",
+                expected: "tendons without `friction`, or derivatives of a whole motion, which have it",
+            });
+        }
         let late = |tendon: &Tendon| tendon.servo.follows();
         if let Some(tendon) = adjoint.robot().tendons().iter().position(late) {
             return Err(DynamicsError::LateServo { tendon });

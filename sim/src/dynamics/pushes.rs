@@ -14,8 +14,8 @@ use super::composite::cross_force;
 use super::expansion::StepExpansion;
 use super::obstacles::ObstacleGradient;
 use super::reaction::{Reaction, torques_of};
-use super::{DynamicsError, State};
-use crate::factor::{ChainLu, ChainMatrix, Side};
+use super::{DynamicsError, State, Stepper};
+use crate::factor::{ChainLu, ChainMatrix, ContactLu, Inflow, RubbedMatrix, Side};
 use crate::model_tangent::ModelTangent;
 use crate::robot::{Command, HingeAxes, Loads};
 
@@ -99,6 +99,9 @@ pub(crate) trait Surroundings: Debug + Send + Sync {
 
     fn boxed(&self) -> Box<dyn Surroundings>;
 
+    /// The stepper of the robot.
+    fn stepper(&mut self) -> &mut Stepper;
+
     /// How many obstacles there are.
     fn obstacles(&self) -> usize {
         0
@@ -116,6 +119,8 @@ impl Clone for Box<dyn Surroundings> {
 #[derive(Clone, Debug)]
 pub(super) struct PushedMatrix {
     lu: ChainLu,
+    /// The same where tendons rub in their holes.
+    rubbed: Option<ContactLu<6>>,
     joints: Vec<Matrix3<f64>>,
     bodies: Vec<Matrix6<f64>>,
     none: Vec<Vector3<f64>>,
@@ -130,6 +135,8 @@ impl PushedMatrix {
         let n = step.armatures.len();
         Self {
             lu: ChainLu::new(&step.expansion),
+            rubbed: (step.rubbed.as_ref())
+                .and_then(|_| ContactLu::new(&step.equations.robot, &step.expansion)),
             joints: vec![Matrix3::zeros(); n],
             bodies: vec![Matrix6::zeros(); n],
             none: vec![Vector3::zeros(); n],
@@ -139,8 +146,13 @@ impl PushedMatrix {
         }
     }
 
-    /// Factorises the matrix of a step; `false` if it has no inverse.
-    pub fn factorise(&mut self, step: &StepExpansion, pushes: &[Push]) -> bool {
+    /// Factorises the matrix of a step with the `inflows` of tendons that rub in their holes; `false` if it has no inverse.
+    pub fn factorise(
+        &mut self,
+        step: &StepExpansion,
+        pushes: &[Push],
+        inflows: Option<&[Inflow]>,
+    ) -> bool {
         let equations = &step.equations;
         let chain = &equations.posture.chain;
         let last = self.bodies.len() - 1;
@@ -158,14 +170,30 @@ impl PushedMatrix {
             let arm = push.point() - chain.centres[push.disc];
             self.bodies[push.disc] += form(&arm, &push.inertance);
         }
-        let factorised = self.lu.factorise(&ChainMatrix {
-            expansion: &step.expansion,
-            scale: 0.0,
-            centres: &chain.centres,
-            joints: &self.joints,
-            bodies: &self.bodies,
-        });
-        factorised.is_some() && self.take_pairs(pushes, &chain.centres)
+        let factorised = match (&mut self.rubbed, inflows) {
+            (Some(lu), Some(inflows)) => {
+                lu.inflows.copy_from_slice(inflows);
+                lu.factorise(&RubbedMatrix {
+                    expansion: &step.expansion,
+                    hessian: 0.0,
+                    tensions: step.timestep * step.timestep,
+                    centres: &chain.centres,
+                    joints: &self.joints,
+                    bodies: &self.bodies,
+                })
+            }
+            _ => {
+                let matrix = ChainMatrix {
+                    expansion: &step.expansion,
+                    scale: 0.0,
+                    centres: &chain.centres,
+                    joints: &self.joints,
+                    bodies: &self.bodies,
+                };
+                self.lu.factorise(&matrix).is_some()
+            }
+        };
+        factorised && self.take_pairs(pushes, &chain.centres)
     }
 
     fn take_pairs(&mut self, pushes: &[Push], centres: &[Vector3<f64>]) -> bool {
@@ -189,8 +217,7 @@ impl PushedMatrix {
             }
             let (mut moments, mut column) = (zeros.clone(), zeros.clone());
             torques_of(&unit, centres, &mut moments);
-            self.lu
-                .solve(&moments, &self.none, Side::Transpose, &mut column);
+            self.solve_alone(&moments, &mut column);
             self.units.push(moments);
             self.columns.push(column);
         }
@@ -210,9 +237,17 @@ impl PushedMatrix {
             .is_some()
     }
 
+    /// Writes the inverse of the transposed matrix without pairs times `torques`.
+    fn solve_alone(&mut self, torques: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        match &mut self.rubbed {
+            Some(lu) => lu.solve_transposed(torques, out),
+            None => self.lu.solve(torques, &self.none, Side::Transpose, out),
+        }
+    }
+
     /// Writes the inverse of the transposed matrix times `torques`; world axes.
-    pub fn solve_transposed(&self, torques: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
-        self.lu.solve(torques, &self.none, Side::Transpose, out);
+    pub fn solve_transposed(&mut self, torques: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        self.solve_alone(torques, out);
         if self.units.is_empty() {
             return;
         }

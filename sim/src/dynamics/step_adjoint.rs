@@ -15,7 +15,11 @@ use super::jacobians::step_jacobians;
 use super::obstacles::ObstacleGradient;
 use super::pushes::{Push, PushedMatrix, Surroundings, pull_back_pushes, symmetric_forms};
 use super::reaction::Reaction;
-use super::{DynamicsError, Integrator, State, Stepper};
+use super::rollout::StepLoads;
+use super::rubbing::{RubbedStep, Rubbing, first_rubbing};
+use super::servos::Acting;
+use super::{DynamicsError, Integrator, Rollout, State, Stepper};
+use crate::chain::Configuration;
 use crate::energy::following::add_transposed_product;
 use crate::model_tangent::{Expanded, ModelTangent};
 use crate::robot::{Command, Loads, Robot};
@@ -42,14 +46,14 @@ pub(crate) struct StepAdjoint {
 impl StepAdjoint {
     /// Of [`SemiImplicitEuler`](super::Integrator) steps of `robot` by `timestep` (s).
     pub fn new(robot: &Robot, timestep: f64) -> Result<Self, DynamicsError> {
-        let in_fluid = robot.spec().fluid.is_some();
-        let surroundings: Option<Box<dyn Surroundings>> = match in_fluid {
-            true => Some(Box::new(Stepper::new(
+        let alone = robot.spec().fluid.is_none() && first_rubbing(robot).is_none();
+        let surroundings: Option<Box<dyn Surroundings>> = match alone {
+            false => Some(Box::new(Stepper::new(
                 robot,
                 timestep,
                 Integrator::SemiImplicitEuler,
             )?)),
-            false => None,
+            true => None,
         };
         Self::among(robot, timestep, surroundings)
     }
@@ -58,10 +62,15 @@ impl StepAdjoint {
     pub(crate) fn among(
         robot: &Robot,
         timestep: f64,
-        surroundings: Option<Box<dyn Surroundings>>,
+        mut surroundings: Option<Box<dyn Surroundings>>,
     ) -> Result<Self, DynamicsError> {
         let zeros = vec![Vector3::zeros(); robot.discs().len()];
-        let step = StepExpansion::new(robot, timestep)?;
+        let mut step = StepExpansion::new(robot, timestep)?;
+        if let Some(around) = &mut surroundings
+            && let Some(rubbing) = &around.stepper().rubbing
+        {
+            step.rubbed = Some(Box::new(RubbedStep::new(robot, rubbing, timestep)));
+        }
         Ok(Self {
             surroundings,
             pushes: Vec::new(),
@@ -89,14 +98,80 @@ impl StepAdjoint {
         let Some(surroundings) = &mut self.surroundings else {
             return self.step.expand(before, command, loads);
         };
-        let accelerations = surroundings.step(before, command, loads, &mut self.pushes)?;
-        (self.step).expand_at((before, command), loads, accelerations)?;
+        let accelerations = surroundings
+            .step(before, command, loads, &mut self.pushes)?
+            .to_vec();
+        let rubbing = surroundings.stepper().rubbing.as_deref();
+        (self.step).expand_at((before, command), loads, &accelerations, rubbing)?;
         let centres = &self.step.equations.posture.chain.centres;
-        self.forms = symmetric_forms(&self.pushes, centres);
-        match self.forms.is_some() || self.pushed.factorise(&self.step, &self.pushes) {
+        self.forms = match rubbing {
+            None => symmetric_forms(&self.pushes, centres),
+            Some(_) => None,
+        };
+        let inflows = rubbing.map(Rubbing::inflows);
+        match self.forms.is_some() || (self.pushed).factorise(&self.step, &self.pushes, inflows) {
             true => Ok(()),
             false => Err(DynamicsError::NotDifferentiable),
         }
+    }
+
+    /// Where the steps of a motion begin that has gone through these states, what the tendons' contacts in their holes are deflected by
+    /// (m), none being loaded at the start: nothing of a robot without friction.
+    ///
+    /// # Errors
+    /// [`DynamicsError`] of the first step that fails.
+    pub(super) fn deflections(
+        &mut self,
+        (rollout, states): (&Rollout, &[State]),
+        acting: &Acting,
+        loads: &mut StepLoads,
+    ) -> Result<Vec<Vec<Vec<f64>>>, DynamicsError> {
+        let Some(surroundings) = &mut self.surroundings else {
+            return Ok(Vec::new());
+        };
+        if self.step.rubbed.is_none() || states.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (start, first) = (&rollout.start, acting.command(0));
+        (surroundings.stepper()).set_deflections(&start.configuration, first, &[])?;
+        let before = std::iter::once(start).chain(states);
+        let mut all = Vec::with_capacity(states.len());
+        for (step, before) in before.enumerate().take(states.len()) {
+            let profiles = surroundings.stepper().tendon_profiles();
+            all.push(profiles.iter().map(|own| own.deflections.clone()).collect());
+            self.pushes.clear();
+            let (command, loads) = (acting.command(step), loads.at(step)?);
+            surroundings.step(before, command, loads, &mut self.pushes)?;
+        }
+        Ok(all)
+    }
+
+    /// Sets what the contacts are deflected by in the step from a configuration to which a `command` has led.
+    ///
+    /// # Errors
+    /// As [`Stepper::set_deflections`].
+    pub fn set_deflections(
+        &mut self,
+        configuration: &Configuration,
+        command: &Command,
+        deflections: &[Vec<f64>],
+    ) -> Result<(), DynamicsError> {
+        if let (Some(around), Some(rubbed)) = (&mut self.surroundings, &mut self.step.rubbed) {
+            rubbed.set_deflections(deflections);
+            (around.stepper()).set_deflections(configuration, command, deflections)?;
+        }
+        Ok(())
+    }
+
+    /// How many contacts of tendons in their holes there are.
+    pub fn contacts(&self) -> usize {
+        self.step.rubbed.as_ref().map_or(0, |rubbed| rubbed.count())
+    }
+
+    /// The derivatives of the cost by the contacts' deflections after the step that is pulled back next; then before that step.
+    pub fn by_deflections(&mut self) -> impl Iterator<Item = &mut f64> {
+        let rubbed = self.step.rubbed.iter_mut();
+        rubbed.flat_map(|rubbed| rubbed.cotangents.iter_mut().flatten())
     }
 
     /// Number of obstacles among the surroundings.
@@ -145,8 +220,21 @@ impl StepAdjoint {
         cotangent: &mut [f64],
         model: &mut ModelTangent,
     ) -> Result<Vec<f64>, DynamicsError> {
+        let commands = std::mem::replace(&mut model.command, vec![0.0; command.as_slice().len()]);
         let (turns, rates) = cotangent.split_at_mut(before.velocity.len());
+        let mut early = Vec::new();
+        if let (Some(around), Some(rubbed)) = (&mut self.surroundings, &mut self.step.rubbed)
+            && let Some(rubbing) = &around.stepper().rubbing
+        {
+            early.resize(turns.len(), 0.0);
+            let (ends, command) = ([&mut *turns, &mut early[..]], command.as_slice());
+            rubbed.pull_back_end(&self.step.equations, rubbing, command, ends, model);
+        }
         self.through_step(&before.velocity, turns, rates);
+        turns
+            .iter_mut()
+            .zip(&early)
+            .for_each(|(turn, own)| *turn += own);
         let Self {
             step,
             scratch,
@@ -167,9 +255,8 @@ impl StepAdjoint {
             pull_back_pushes(pushes, &before.velocity, &self.multipliers, out, by);
         }
         // By the model: a load's force is minus the potential's gradient.
-        let commands = std::mem::replace(&mut model.command, vec![0.0; command.as_slice().len()]);
         let opposite: Vec<_> = self.multipliers.iter().map(|w| -w).collect();
-        let step = &self.step;
+        let step = &mut self.step;
         let expanded = Expanded {
             robot: &step.equations.robot,
             q: &before.configuration,
@@ -178,7 +265,19 @@ impl StepAdjoint {
             dead: &step.dead,
             command: command.as_slice(),
         };
-        expanded.pull_back(&opposite, &[], model);
+        match &mut step.rubbed {
+            None => expanded.pull_back(&opposite, &[], model),
+            Some(rubbed) => {
+                let piece = |tendon: usize, place: usize| [0.0, rubbed.tensions[tendon][place]];
+                expanded.pull_back_pulled(&opposite, piece, model);
+                rubbed.pull_back(
+                    &expanded,
+                    &self.multipliers,
+                    [&mut *turns, &mut *rates],
+                    model,
+                );
+            }
+        }
         pull_back_inertia(
             &step.equations,
             &step.accelerations,

@@ -275,6 +275,10 @@ impl Surroundings for Stepper {
     fn boxed(&self) -> Box<dyn Surroundings> {
         Box::new(self.clone())
     }
+
+    fn stepper(&mut self) -> &mut Stepper {
+        self
+    }
 }
 
 /// The joint that turns most at these `rates` in `h`, and by how much (rad); not a number before any

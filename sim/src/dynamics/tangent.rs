@@ -111,14 +111,26 @@ pub(crate) fn tangent_by(
     let mut coordinates = direction.start.clone();
     let mut before = &rollout.start;
     let mut tangents = Vec::with_capacity(steps);
+    let deflections = adjoint.deflections((rollout, states), &acting, &mut loads)?;
+    // Changes of what tendons are deflected by in their holes.
+    let mut deflected = vec![0.0; adjoint.contacts()];
     for (step, after) in states.iter().enumerate() {
         let (command, loads) = (acting.command(step), loads.at(step)?);
+        if let Some(deflections) = deflections.get(step) {
+            let last = acting.command(step.saturating_sub(1));
+            adjoint.set_deflections(&before.configuration, last, deflections)?;
+        }
         adjoint.expand(before, command, loads)?;
-        // Change of each rate: its gradient along the direction.
-        let mut rates = vec![0.0; dof];
+        // Change of each rate, and of each deflection: its gradient along the direction.
+        let mut rates = vec![0.0; dof + deflected.len()];
         for (i, rate) in rates.iter_mut().enumerate() {
             let mut gradient = vec![0.0; 2 * dof];
-            gradient[dof + i] = 1.0;
+            if let Some(by) = gradient[dof..].get_mut(i) {
+                *by = 1.0;
+            }
+            for (contact, by) in adjoint.by_deflections().enumerate() {
+                *by = f64::from(u8::from(dof + contact == i));
+            }
             let mut by_model = ModelTangent::zero(robot);
             if !obstacles.is_empty() {
                 adjoint.begin_obstacles();
@@ -126,13 +138,16 @@ pub(crate) fn tangent_by(
             let by_command =
                 adjoint.pull_back(before, command, loads, &mut gradient, &mut by_model)?;
             let by_obstacles = obstacles.iter().zip(adjoint.take_obstacles());
+            let by_deflections = adjoint.by_deflections().zip(&deflected);
             *rate = dot(&gradient, &coordinates)
+                + by_deflections.map(|(by, change)| *by * change).sum::<f64>()
                 + dot(&by_command, &by_acting[step])
                 + model.along(&by_model, step)
                 + by_obstacles
                     .map(|(change, by)| change.dot(&by))
                     .sum::<f64>();
         }
+        deflected.copy_from_slice(&rates.split_off(dof));
         // q+ = q exp(h v+).
         let (turns, old_rates) = coordinates.split_at_mut(dof);
         let joints = turns.as_chunks_mut::<3>().0.iter_mut();

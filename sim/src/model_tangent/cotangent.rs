@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use super::{Expanded, ModelTangent};
 use crate::chain::Chain;
-use crate::robot::Drive;
+use crate::robot::{Drive, Tendon};
 
 /// Derivatives of a cost by the ends of a straight piece of tendon (N, if the cost is a work).
 struct PieceCotangent {
@@ -58,8 +58,21 @@ impl Expanded<'_> {
         for (out, by_length) in out.fixed_lengths.iter_mut().zip(&by_length) {
             *out += by_length;
         }
-        self.pull_back_segments(turns, &by_length, out);
-        self.pull_back_spans(turns, &by_length, out);
+        let tensions = &self.expansion.tensions;
+        let piece = |tendon: usize, _| [by_length[tendon], tensions[tendon]];
+        self.pull_back_pulled(turns, piece, out);
+    }
+
+    /// The same where of each piece of each tendon the derivative of the cost by its length, and its tension (N), are given, by the
+    /// tendon's number and the piece's place on its route; without the derivatives by what the tensions are made of.
+    pub fn pull_back_pulled(
+        &self,
+        turns: &[Vector3<f64>],
+        piece: impl Fn(usize, usize) -> [f64; 2],
+        out: &mut ModelTangent,
+    ) {
+        self.pull_back_segments(turns, &piece, out);
+        self.pull_back_spans(turns, &piece, out);
         self.pull_back_dead(turns, out);
         for (i, disc) in self.robot.discs().iter().enumerate() {
             if disc.backbone.is_some() || disc.hinges.is_some() {
@@ -74,40 +87,27 @@ impl Expanded<'_> {
         let tendons = self.robot.tendons().iter().enumerate();
         tendons
             .map(|(t, tendon)| {
+                let stretch = self.posture.lengths[t] - self.command[t];
                 let weight = self.expansion.weights[t];
-                match tendon.drive {
-                    Drive::Tension => {
-                        out.command[t] += pulls[t];
-                        0.0
-                    }
-                    // The rest length that stands for a commanded length is an unknown of the solve.
-                    _ if tendon.holds_length() => weight * pulls[t],
-                    _ if weight == 0.0 => 0.0,
-                    _ => {
-                        let stretch = self.posture.lengths[t] - self.command[t];
-                        out.command[t] -= weight * pulls[t];
-                        out.stiffness[t] += tendon.per_stiffness(stretch) * pulls[t];
-                        weight * pulls[t]
-                    }
-                }
+                pull_back_tension((t, tendon), (weight, stretch), pulls[t], out)
             })
             .collect()
     }
 
-    fn pull_back_segments(
+    /// The part of [`Expanded::pull_back_pulled`] that segments have.
+    pub fn pull_back_segments(
         &self,
         turns: &[Vector3<f64>],
-        by_length: &[f64],
+        piece: impl Fn(usize, usize) -> [f64; 2],
         out: &mut ModelTangent,
     ) {
         let orientations = &self.posture.chain.orientations;
         for (i, segment) in self.robot.segments().iter().enumerate() {
             let stretch = &self.posture.stretches[i];
             let (turn, u) = (&turns[segment.joint], &stretch.direction);
-            let tension = self.expansion.tensions[segment.tendon];
+            let [own, tension] = piece(segment.tendon, segment.place);
             // T w . (a' x u + a x u').
             let by_turn = turn.cross(&stretch.hole);
-            let own = by_length[segment.tendon];
             let mut piece = PieceCotangent::new(u, stretch.length, own, &by_turn, tension);
             piece.upper += u.cross(turn) * tension;
             let [from, to] = &mut out.segments[i];
@@ -116,7 +116,12 @@ impl Expanded<'_> {
         }
     }
 
-    fn pull_back_spans(&self, turns: &[Vector3<f64>], by_length: &[f64], out: &mut ModelTangent) {
+    fn pull_back_spans(
+        &self,
+        turns: &[Vector3<f64>],
+        piece: impl Fn(usize, usize) -> [f64; 2],
+        out: &mut ModelTangent,
+    ) {
         if self.robot.spans().is_empty() {
             return;
         }
@@ -124,7 +129,7 @@ impl Expanded<'_> {
         let mut centres = vec![Vector3::zeros(); turns.len()];
         for (i, span) in self.robot.spans().iter().enumerate() {
             let (_, upper, stretch) = span.stretch(self.robot, chain);
-            let tension = self.expansion.tensions[span.tendon];
+            let [own, tension] = piece(span.tendon, span.place);
             let u = &stretch.direction;
             // T sum_j w_j . (a_j' x u + a_j x u'), a_j' = upper' - c_j'.
             let (mut by_turn, mut turn) = (Vector3::zeros(), Vector3::zeros());
@@ -134,7 +139,6 @@ impl Expanded<'_> {
                 turn += turns[joint];
                 centres[joint] -= u.cross(&turns[joint]) * tension;
             }
-            let own = by_length[span.tendon];
             let mut piece = PieceCotangent::new(u, stretch.length, own, &by_turn, tension);
             piece.upper += u.cross(&turn) * tension;
             // Each end moves with the joint of its disc, and on the disc.
@@ -177,6 +181,30 @@ impl Expanded<'_> {
                 lift += (chain.centres[k + 1] - chain.centres[k]).cross(&turn);
                 out.joint_offsets[k + 1] += chain.disc(k).tr_mul(&turn.cross(&above[k]));
             }
+        }
+    }
+}
+
+/// Adds to `out` the derivatives by the command and the stiffness of a tendon of a cost with the derivative `pull` by its tension, which
+/// has the slope `weight` (N/m) at this `stretch` (m); returns that by its length.
+pub(crate) fn pull_back_tension(
+    (number, tendon): (usize, &Tendon),
+    (weight, stretch): (f64, f64),
+    pull: f64,
+    out: &mut ModelTangent,
+) -> f64 {
+    match tendon.drive {
+        Drive::Tension => {
+            out.command[number] += pull;
+            0.0
+        }
+        // The rest length that stands for a commanded length is an unknown of the solve.
+        _ if tendon.holds_length() => weight * pull,
+        _ if weight == 0.0 => 0.0,
+        _ => {
+            out.command[number] -= weight * pull;
+            out.stiffness[number] += tendon.per_stiffness(stretch) * pull;
+            weight * pull
         }
     }
 }

@@ -11,7 +11,7 @@
 mod cotangent;
 mod gradient;
 
-pub(crate) use cotangent::pull_back_centres;
+pub(crate) use cotangent::{pull_back_centres, pull_back_tension};
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -44,6 +44,8 @@ pub(crate) struct ModelTangent {
     pub command: Vec<f64>,
     /// Stiffness of each tendon with its drive.
     pub stiffness: Vec<f64>,
+    /// Coefficient of friction of each tendon in its holes.
+    pub friction: Vec<f64>,
     /// Length of each tendon between holes of one and the same body.
     pub fixed_lengths: Vec<f64>,
     /// Ends of each segment, in their bodies' frames.
@@ -133,6 +135,7 @@ impl ModelTangent {
         Self {
             command: vec![0.0; tendons],
             stiffness: vec![0.0; tendons],
+            friction: vec![0.0; tendons],
             fixed_lengths: vec![0.0; tendons],
             segments: vec![[Vector3::zeros(); 2]; robot.segments().len()],
             spans: vec![[Vector3::zeros(); 2]; robot.spans().len()],
@@ -160,6 +163,7 @@ impl ModelTangent {
         let inertias = self.inertias.iter().zip(&other.inertias);
         numbers(&self.command, &other.command)
             + numbers(&self.stiffness, &other.stiffness)
+            + numbers(&self.friction, &other.friction)
             + numbers(&self.fixed_lengths, &other.fixed_lengths)
             + vectors(self.segments.as_flattened(), other.segments.as_flattened())
             + vectors(self.spans.as_flattened(), other.spans.as_flattened())
@@ -186,11 +190,12 @@ impl ModelTangent {
         loads: &Loads,
         parameter: Parameter,
     ) -> Result<f64, ParameterError> {
-        check(robot.spec(), parameter)?;
+        check_slope(robot, parameter)?;
         Ok(match parameter {
             Parameter::Command(tendon) => self.command[tendon],
             Parameter::Force(disc, axis) => self.at_origin[disc].dot(&axis.unit()),
             Parameter::Moment(disc, axis) => self.moments[disc].dot(&axis.unit()),
+            Parameter::Friction(tendon) => self.friction[tendon],
             Parameter::Gain(tendon) => self.stiffness[tendon] * series(robot, tendon).0,
             Parameter::AxialStiffness(tendon) => self.stiffness[tendon] * series(robot, tendon).1,
             _ => Self::new(robot, loads, parameter)?.dot(self),
@@ -202,13 +207,14 @@ impl ModelTangent {
     /// # Errors
     /// [`ParameterError`] for one that the robot does not have.
     pub fn new(robot: &Robot, loads: &Loads, parameter: Parameter) -> Result<Self, ParameterError> {
-        check(robot.spec(), parameter)?;
+        check_slope(robot, parameter)?;
         let mut tangent = Self::zero(robot);
         match parameter {
             Parameter::Command(tendon) => tangent.command[tendon] = 1.0,
             Parameter::Payload => tangent.hang(robot, loads),
             Parameter::Force(disc, axis) => tangent.at_origin[disc] = axis.unit(),
             Parameter::Moment(disc, axis) => tangent.moments[disc] = axis.unit(),
+            Parameter::Friction(t) => tangent.friction[t] = 1.0,
             Parameter::Gain(t) => tangent.stiffness[t] = series(robot, t).0,
             Parameter::AxialStiffness(t) => tangent.stiffness[t] = series(robot, t).1,
             Parameter::Bending(module, axis) => tangent.stiffen(robot, module, axis),
@@ -338,6 +344,21 @@ impl ModelTangent {
                 *stiffness = (high.stiffness() - low.stiffness()) * per_unit;
             }
         }
+    }
+}
+
+/// Whether the robot has the parameter, and derivatives by it.
+fn check_slope(robot: &Robot, parameter: Parameter) -> Result<(), ParameterError> {
+    check(robot.spec(), parameter)?;
+    match parameter {
+        Parameter::Friction(_) if robot.spec().value(parameter)? == 0.0 => {
+            Err(ParameterError::Missing {
+                robot: robot.spec().name.clone(),
+                parameter,
+                reason: "its coefficient is 0, where the law of friction has a kink and no derivative",
+            })
+        }
+        _ => Ok(()),
     }
 }
 

@@ -25,6 +25,8 @@ pub enum Parameter {
     Gain(usize),
     /// Axial stiffness of a tendon (N/m).
     AxialStiffness(usize),
+    /// Coefficient of friction of a tendon in its holes. Equilibria without friction do not depend on it.
+    Friction(usize),
     /// Bending stiffness of all joints of a module about a disc's x or y axis (N m/rad).
     Bending(usize, Axis),
     /// Torsion stiffness of all joints of a module (N m/rad).
@@ -125,6 +127,11 @@ pub(crate) fn check(spec: &RobotSpec, parameter: Parameter) -> Result<(), Parame
         Parameter::AxialStiffness(t) => match tendon(t).map(|spec| spec.axial_stiffness) {
             None => "no such tendon",
             Some(None) => "the tendon is inextensible",
+            Some(Some(_)) => return Ok(()),
+        },
+        Parameter::Friction(t) => match tendon(t).map(|spec| spec.friction) {
+            None => "no such tendon",
+            Some(None) => "the tendon has no friction",
             Some(Some(_)) => return Ok(()),
         },
         Parameter::Force(disc, _) | Parameter::Moment(disc, _) if disc >= spec.disc_count() => {

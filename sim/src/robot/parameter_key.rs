@@ -5,7 +5,7 @@
 //! | `command[T]` | the command of tendon `T` |
 //! | `payload` | the mass of the tip payload |
 //! | `force[D].x`, `moment[D].x` | a force or moment on disc `D`, along a world axis (`x`, `y` or `z`) |
-//! | `gain[T]`, `axial_stiffness[T]` | of tendon `T` |
+//! | `gain[T]`, `axial_stiffness[T]`, `friction[T]` | of tendon `T` |
 //! | `bending[M].x`, `torsion[M]` | stiffness of the joints of module `M` (bending: `x` or `y`) |
 //! | `hinge_stiffness[M][H]` | stiffness of hinge `H` of the joints of module `M` |
 //! | `density[M]`, `youngs[M]`, `pitch[M]`, `damping[M]`, `armature[M]` | of module `M` |

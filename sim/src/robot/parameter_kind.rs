@@ -59,7 +59,7 @@ const fn kind(
 
 /// All kinds; those of commands and loads first.
 #[rustfmt::skip]
-static KINDS: [ParameterKind; 16] = {
+static KINDS: [ParameterKind; 17] = {
     use Parameter as P;
     use Values::{Any, NotNegative, Positive};
     [
@@ -70,6 +70,7 @@ static KINDS: [ParameterKind; 16] = {
         kind(["gain", "gain[2]"], "N/m", Positive, Each::Tendon(P::Gain), "gain of tendon {tendon}"),
         kind(["axial_stiffness", "axial_stiffness[0]"], "N/m", Positive, Each::Tendon(P::AxialStiffness),
             "axial stiffness of tendon {tendon}"),
+        kind(["friction", "friction[0]"], "", NotNegative, Each::Tendon(P::Friction), "friction of tendon {tendon}"),
         // A backbone may be limp, a hinge loose and a disc weightless.
         kind(["bending", "bending[0].x"], "N m/rad", NotNegative, Each::ModuleAxis(P::Bending),
             "bending stiffness of module {module} about {axis}"),
@@ -185,7 +186,9 @@ impl Parameter {
     pub(super) fn which(self) -> Which {
         match self {
             Self::Payload => Which::Once,
-            Self::Command(t) | Self::Gain(t) | Self::AxialStiffness(t) => Which::Tendon(t),
+            Self::Command(t) | Self::Gain(t) | Self::AxialStiffness(t) | Self::Friction(t) => {
+                Which::Tendon(t)
+            }
             Self::Force(disc, axis) | Self::Moment(disc, axis) => Which::DiscAxis(disc, axis),
             Self::Bending(m, axis) => Which::ModuleAxis(m, axis),
             Self::HingeStiffness(m, hinge) => Which::Hinge(m, hinge),

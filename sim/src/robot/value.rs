@@ -38,6 +38,10 @@ impl RobotSpec {
             Parameter::AxialStiffness(t) => {
                 (self.tendons()[t].axial_stiffness).expect("checked: has an axial stiffness")
             }
+            Parameter::Friction(t) => {
+                let friction = self.tendons()[t].friction;
+                friction.expect("checked: has friction").coefficient
+            }
             Parameter::Bending(module, axis) => bending(module, &|b| b.bending[axis.index()]),
             Parameter::Torsion(module) => bending(module, &|b| b.torsion),
             Parameter::HingeStiffness(module, hinge) => {
@@ -94,6 +98,11 @@ impl RobotSpec {
             match parameter {
                 Parameter::Gain(t) => tendons[t].drive = Drive::Gain(value),
                 Parameter::AxialStiffness(t) => tendons[t].axial_stiffness = Some(value),
+                Parameter::Friction(t) => {
+                    if let Some(friction) = &mut tendons[t].friction {
+                        friction.coefficient = value;
+                    }
+                }
                 _ => shift(&mut spec, parameter, by),
             }
         }
@@ -151,7 +160,8 @@ pub(crate) fn shift(spec: &mut RobotSpec, parameter: Parameter, by: f64) {
         | Parameter::Force(..)
         | Parameter::Moment(..)
         | Parameter::Gain(_)
-        | Parameter::AxialStiffness(_) => {
+        | Parameter::AxialStiffness(_)
+        | Parameter::Friction(_) => {
             unreachable!("not of places, masses, joints or backbones")
         }
     }

@@ -218,6 +218,7 @@ fn parameter() -> impl Strategy<Value = Parameter> {
         Parameter::Command,
         Parameter::Gain,
         Parameter::AxialStiffness,
+        Parameter::Friction,
         Parameter::Torsion,
         Parameter::Density,
         Parameter::Youngs,

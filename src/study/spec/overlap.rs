@@ -111,6 +111,7 @@ fn path(parameter: Parameter, spec: &RobotSpec) -> Option<String> {
     Some(match parameter {
         Parameter::Gain(t) => format!("{}.drive", tendon(t, spec)?),
         Parameter::AxialStiffness(t) => format!("{}.axial_stiffness", tendon(t, spec)?),
+        Parameter::Friction(t) => format!("{}.friction.coefficient", tendon(t, spec)?),
         Parameter::Bending(m, Axis::X) => format!("modules[{m}].backbone.bending[0]"),
         Parameter::Bending(m, _) => format!("modules[{m}].backbone.bending[1]"),
         Parameter::Torsion(m) => format!("modules[{m}].backbone.torsion"),

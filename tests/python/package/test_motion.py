@@ -401,7 +401,7 @@ def test_tendons_rub_in_motion_and_copies_keep_what_their_contacts_bear(integrat
     assert all(not tendon.deflections.any() for tendon in other.tendons) and other.dissipated == 0.0
 
 
-def test_motions_with_friction_are_rolled_out_and_have_no_derivatives() -> None:
+def test_motions_with_friction_are_rolled_out_and_single_steps_are_not_linearised() -> None:
     robot = rough()
     commands = np.linspace(robot.mean_command, [0.0, 0.02, 0.02, 0.02, 0.01, 0.02], 50)
     motion = package.simulate(robot, commands)
@@ -411,7 +411,7 @@ def test_motions_with_friction_are_rolled_out_and_have_no_derivatives() -> None:
         moving.step(command)
     assert np.array_equal(motion.positions[-1], moving.positions)
     state = package.State.straight(robot)
-    with pytest.raises(DynamicsError, match="friction of tendons in their holes have no derivatives"):
+    with pytest.raises(DynamicsError, match="single steps with friction of tendons in their holes have no derivatives"):
         package.linearise(robot, state, robot.mean_command)
     with pytest.raises(DynamicsError, match="tendon 1 has friction in its holes, which only steps by"):
         package.simulate(robot, commands, integrator="runge-kutta4")

@@ -55,6 +55,31 @@ def test_gradients_are_those_of_finite_differences_in_a_batch_and_singly() -> No
     assert all(torch.equal(b[0], a) for b, a in zip(batch, alone, strict=True))
 
 
+def rough() -> tdcr.Robot:
+    """The robot with tendons that have friction in their holes."""
+    modules = ROBOT.to_dict()["modules"]
+    friction = {"coefficient": 0.2, "contact_stiffness": 2000.0}
+    modules = [module | {"tendons": module["tendons"] | {"friction": friction}} for module in modules]
+    return tdcr.Robot(ROBOT.to_dict() | {"modules": modules})
+
+
+def test_motions_with_friction_of_tendons_have_gradients_by_its_coefficients_too() -> None:
+    robot = rough()
+    names = ["friction[0]", "gain[1]", "friction[4]"]
+    scales = torch.tensor([robot.value(name) for name in names])
+
+    def of(commands: torch.Tensor, shares: torch.Tensor) -> torch.Tensor:
+        start = [torch.from_numpy(array) for array in arrays()[1:3]]
+        positions, _, _ = functions.rollout(robot, commands, *start, parameters=names, values=shares * scales, frame_skip=5)
+        return (positions * torch.from_numpy(weights(3))).sum((-3, -2, -1))
+
+    commands = torch.tensor(arrays()[0], requires_grad=True)
+    shares = torch.ones(3, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(of, (commands, shares), eps=1e-7, atol=1e-6, rtol=1e-4, check_forward_ad=True)
+    by_commands, by_shares = torch.autograd.grad(of(commands, shares).sum(), (commands, shares))
+    assert (by_shares.abs() > 1e-6).all() and (by_commands.abs() > 1e-6).any()
+
+
 def test_the_operator_keeps_the_contracts_of_custom_operators_and_compiles() -> None:
     inputs = tensors()
     values = (inputs[-1] * torch.from_numpy(SCALES)).detach().expand(2, 3).clone().requires_grad_()

@@ -12,7 +12,7 @@ use super::ContactStepper;
 use super::touch::{Name, STICK, Touch};
 use crate::dynamics::{
     DynamicsError, Integrator, Lineariser, OppositePush, Push, PushingObstacle, Rollout,
-    RolloutDirection, RolloutGradient, State, StateCotangent, StateTangent, StepAdjoint,
+    RolloutDirection, RolloutGradient, State, StateCotangent, StateTangent, StepAdjoint, Stepper,
     Surroundings, gradient_by, tangent_by,
 };
 use crate::robot::{Command, Loads, Parameter};
@@ -182,6 +182,10 @@ impl Surroundings for ContactStepper {
 
     fn boxed(&self) -> Box<dyn Surroundings> {
         Box::new(self.clone())
+    }
+
+    fn stepper(&mut self) -> &mut Stepper {
+        &mut self.stepper
     }
 
     fn obstacles(&self) -> usize {

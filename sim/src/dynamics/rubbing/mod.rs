@@ -12,6 +12,10 @@
 //! sticks is, which is far too stiff to be explicit. What the contacts bear then is computed by the law at the lengths that the
 //! tendons have come to. So, however long the steps, no contact is beyond its cone, and none gives energy that it has not taken.
 
+mod adjoint;
+
+pub(super) use adjoint::RubbedStep;
+
 use nalgebra::Vector3;
 
 use super::acceleration::{EquationsOfMotion, to_coordinates};

@@ -25,7 +25,13 @@ pub fn all_parameters(spec: &RobotSpec) -> Vec<Parameter> {
         all.extend([Parameter::Force(tip, axis), Parameter::Moment(1, axis)]);
     }
     let tendons = 0..spec.tendons().len();
-    all.extend(tendons.flat_map(|t| [Parameter::Gain(t), Parameter::AxialStiffness(t)]));
+    all.extend(tendons.flat_map(|t| {
+        [
+            Parameter::Gain(t),
+            Parameter::AxialStiffness(t),
+            Parameter::Friction(t),
+        ]
+    }));
     for m in 0..modules {
         all.extend([
             Parameter::Bending(m, Axis::X),
@@ -58,6 +64,9 @@ pub fn all_parameters(spec: &RobotSpec) -> Vec<Parameter> {
         ) || spec.value(*parameter).is_ok()
     };
     all.retain(of_robot);
+    // Where there is no friction the law has a kink.
+    let rubs = |parameter: &Parameter| spec.value(*parameter) != Ok(0.0);
+    all.retain(|parameter| !matches!(parameter, Parameter::Friction(_)) || rubs(parameter));
     all
 }
 

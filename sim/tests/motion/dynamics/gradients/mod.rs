@@ -4,6 +4,7 @@ mod by_obstacles;
 mod case;
 mod surroundings;
 mod tangents;
+mod tendon_friction;
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;

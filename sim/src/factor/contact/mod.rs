@@ -123,6 +123,8 @@ macro_rules! with_slots {
     };
 }
 
+mod transposed;
+
 impl<const D: usize> ContactLu<D> {
     /// Storage for a robot each of whose tendons passes each joint at most once, by a segment of its own, from the base up;
     /// none for others.
