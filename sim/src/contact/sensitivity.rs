@@ -15,7 +15,7 @@ use crate::chain::Chain;
 pub use crate::dynamics::ObstacleGradient;
 use crate::energy::{DeadForces, twist};
 use crate::pose::{PoseTangent, levers};
-use crate::robot::{Command, Frame, Loads};
+use crate::robot::{Command, Loads};
 use crate::sensitivity::{OnRod, PressedPoint, Sensitivity, SensitivityError};
 use crate::statics::Equilibrium;
 
@@ -127,7 +127,7 @@ impl ContactSensitivity {
             base: robot.base(),
             contacts,
             dead: dead.wrenches(&chain),
-            moments: world_moments(loads, chain.positions.len()),
+            moments: loads.world_moments(chain.positions.len()),
             origins: (scene.obstacles().iter())
                 .map(|obstacle| obstacle.pose.translation.vector)
                 .collect(),
@@ -233,14 +233,7 @@ impl ContactSensitivity {
             gradient.base.position -= force;
             gradient.base.rotation -= (contact.point - self.base).cross(&force) + couple;
         }
-        for (motion, (force, couples)) in motions.iter().zip(&self.dead) {
-            gradient.base.rotation -= force.cross(&motion.position)
-                + motion.rotation * couples.trace()
-                - couples.tr_mul(&motion.rotation);
-        }
-        for (motion, moment) in motions.iter().zip(&self.moments) {
-            gradient.base.rotation -= moment.cross(&motion.rotation);
-        }
+        gradient.base.rotation += DeadForces::pull_back_base(&self.dead, &self.moments, &motions);
         for (cotangent, position) in cotangents.iter().zip(&self.chain.positions) {
             gradient.base.position += cotangent.position;
             gradient.base.rotation +=
@@ -306,17 +299,6 @@ impl Pressed {
         let displacement = motion.position + motion.rotation.cross(&(self.point - about));
         self.stiffness * displacement + motion.rotation.cross(&self.force)
     }
-}
-
-/// Of each disc the sum of the moments that keep their direction (N m), world axes.
-fn world_moments(loads: &Loads, discs: usize) -> Vec<Vector3<f64>> {
-    let mut moments = vec![Vector3::zeros(); discs];
-    for wrench in loads.wrenches() {
-        if wrench.frame == Frame::World {
-            moments[wrench.disc] += Vector3::from(wrench.moment);
-        }
-    }
-    moments
 }
 
 /// A contact of the robot with itself, for each of its beads that moves along its disc.

@@ -48,6 +48,9 @@ pub struct RolloutGradient {
     pub parameters: Vec<f64>,
     /// By each obstacle of the scene, which stands still meanwhile; none of a motion in empty space.
     pub obstacles: Vec<ObstacleGradient>,
+    /// By a displacement of the base (m) and a rotation of it (rad, world axes) before the motion begins; the start keeps its
+    /// coordinates, and tendons move with the base.
+    pub base: PoseTangent,
 }
 
 /// The gradient of a cost of the states of a motion, by its commands, its start, its loads and the robot's `parameters`: the
@@ -108,7 +111,7 @@ pub(crate) fn gradient_by(
     let mut commands = vec![Vec::new(); steps];
     let mut wrenches = vec![Vec::new(); steps];
     let mut loads = StepLoads::new(robot, rollout)?;
-    adjoint.begin_obstacles();
+    adjoint.begin_surroundings();
     let deflections = adjoint.deflections((rollout, states), &acting, &mut loads)?;
     adjoint.by_deflections().for_each(|by| *by = 0.0);
     for step in (0..steps).rev() {
@@ -133,6 +136,9 @@ pub(crate) fn gradient_by(
     }
     seen.add(0, &rollout.start, &mut cost, &mut cotangent);
     acting.pull_back(&mut commands);
+    let (obstacles, mut base) = adjoint.take_surroundings();
+    base.position += seen.base.position;
+    base.rotation += seen.base.rotation;
     let model = seen.model;
     Ok(RolloutGradient {
         commands,
@@ -141,7 +147,8 @@ pub(crate) fn gradient_by(
         forces: model.at_origin,
         moments: model.moments,
         wrenches,
-        obstacles: adjoint.take_obstacles(),
+        obstacles,
+        base,
     })
 }
 
@@ -150,8 +157,9 @@ struct Seen<'a> {
     robot: &'a Robot,
     chain: Chain,
     cotangent: StateCotangent,
-    /// The cost's derivatives by the model.
+    /// The cost's derivatives by the model, and by the base, which carries all poses along.
     model: ModelTangent,
+    base: PoseTangent,
 }
 
 impl<'a> Seen<'a> {
@@ -161,6 +169,7 @@ impl<'a> Seen<'a> {
             chain: Chain::new(robot),
             cotangent: StateCotangent::zero(robot),
             model: ModelTangent::zero(robot),
+            base: PoseTangent::default(),
         }
     }
 
@@ -188,6 +197,11 @@ impl<'a> Seen<'a> {
         }
         self.chain.place(self.robot, &state.configuration);
         add_joint_cotangent(&self.chain, &seen.poses, cotangent);
+        for (by, place) in seen.poses.iter().zip(&self.chain.positions) {
+            let arm = place - self.robot.base();
+            self.base.position += by.position;
+            self.base.rotation += by.rotation + arm.cross(&by.position);
+        }
         let centres: Vec<_> = seen.poses.iter().map(|pose| pose.position).collect();
         pull_back_centres(&self.chain, &centres, &mut self.model);
     }

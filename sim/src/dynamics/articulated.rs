@@ -150,10 +150,9 @@ impl ArticulatedBodies {
                 above.add_reaction(reaction);
             }
             let hinges = chain.hinges.get(joint).and_then(Option::as_ref);
-            let inverse;
-            (*response, inverse) = match hinges {
-                None => above.pass_ball(armature.x, torque, motion),
-                Some(hinges) => above.pass_hinges(hinges, armature, torque, motion),
+            let inverse = match hinges {
+                None => above.pass_ball(armature.x, torque, motion, response),
+                Some(hinges) => above.pass_hinges(hinges, armature, torque, motion, response),
             };
             if KEEP {
                 self.inverses[joint] = inverse.matrix();
@@ -212,14 +211,15 @@ impl Above {
         self.force -= reaction.force;
     }
 
-    /// Goes below a ball joint, to the centre of the next. Its response, and `G`.
+    /// Goes below a ball joint, to the centre of the next. Writes its response; returns `G`.
     #[inline(always)]
     fn pass_ball(
         &mut self,
         armature: f64,
         torque: &Vector3<f64>,
         motion: &Motion,
-    ) -> (Response, Symmetric) {
+        response: &mut Response,
+    ) -> Symmetric {
         // G = (J + k I)^-1, and the joint's response with it.
         let mut joint = self.inertia;
         joint.xx += armature;
@@ -236,40 +236,38 @@ impl Above {
             coupling: to_linear * armature,
             moment: torque - own * armature,
         };
-        let response = Response {
-            own,
-            to_angular: to_angular.matrix(),
-            to_linear,
-        };
-        self.go_below(&response, &passed, motion);
-        (response, inverse)
+        response.own = own;
+        response.to_angular = to_angular.matrix();
+        response.to_linear = to_linear;
+        self.go_below(response, &passed, motion);
+        inverse
     }
 
     /// The same below a joint of hinges.
+    #[inline(never)]
     fn pass_hinges(
         &mut self,
         hinges: &HingeAxes,
         armature: &Vector3<f64>,
         torque: &Vector3<f64>,
         motion: &Motion,
-    ) -> (Response, Symmetric) {
+        response: &mut Response,
+    ) -> Symmetric {
         let inertia = self.inertia.matrix();
         let axes = &hinges.axes;
         let joint = axes.tr_mul(&(inertia * axes)) + Matrix3::from_diagonal(armature);
         let inverse = axes * symmetric(&joint).inverse().matrix() * axes.transpose();
         let kept = symmetric(&inverse);
-        let response = Response {
-            own: inverse * (torque - self.moment),
-            to_angular: inverse * inertia,
-            to_linear: inverse * self.coupling,
-        };
+        response.own = inverse * (torque - self.moment);
+        response.to_angular = inverse * inertia;
+        response.to_linear = inverse * self.coupling;
         let passed = Passed {
             inertia: symmetric(&(inertia - inertia * response.to_angular)),
             coupling: self.coupling - inertia * response.to_linear,
             moment: self.moment + inertia * response.own,
         };
-        self.go_below(&response, &passed, motion);
-        (response, kept)
+        self.go_below(response, &passed, motion);
+        kept
     }
 
     /// Goes below a joint to the centre of the next, given what the joint passes on and how it responds.

@@ -102,9 +102,9 @@ pub(crate) trait Surroundings: Debug + Send + Sync {
     /// The stepper of the robot.
     fn stepper(&mut self) -> &mut Stepper;
 
-    /// How many obstacles there are.
-    fn obstacles(&self) -> usize {
-        0
+    /// Where the origin of each obstacle is (m).
+    fn obstacles(&self) -> Vec<Vector3<f64>> {
+        Vec::new()
     }
 }
 

@@ -20,8 +20,10 @@ use super::rubbing::{RubbedStep, Rubbing, first_rubbing};
 use super::servos::Acting;
 use super::{DynamicsError, Integrator, Rollout, State, Stepper};
 use crate::chain::Configuration;
+use crate::energy::DeadForces;
 use crate::energy::following::add_transposed_product;
 use crate::model_tangent::{Expanded, ModelTangent};
+use crate::pose::PoseTangent;
 use crate::robot::{Command, Loads, Robot};
 
 /// The adjoint of steps of one robot; reuses most of its memory.
@@ -34,8 +36,9 @@ pub(crate) struct StepAdjoint {
     pushed: PushedMatrix,
     /// What is in the step's matrix besides the robot, where it is symmetric.
     forms: Option<Vec<Reaction>>,
-    /// Sums of what steps that were pulled back add, by each obstacle; empty where nobody has asked.
+    /// Sums of what steps that were pulled back add, by each obstacle, and by a rotation of the base; empty where nobody has asked.
     obstacles: Vec<ObstacleGradient>,
+    base_rotation: Option<Vector3<f64>>,
     /// Cotangents of the accelerations, then products; world axes.
     scratch: Vec<Vector3<f64>>,
     /// The `w`, world axes.
@@ -77,6 +80,7 @@ impl StepAdjoint {
             pushed: PushedMatrix::new(&step),
             forms: Some(Vec::new()),
             obstacles: Vec::new(),
+            base_rotation: None,
             step,
             scratch: zeros.clone(),
             multipliers: zeros.clone(),
@@ -174,21 +178,58 @@ impl StepAdjoint {
         rubbed.flat_map(|rubbed| rubbed.cotangents.iter_mut().flatten())
     }
 
-    /// Number of obstacles among the surroundings.
-    pub fn obstacles(&self) -> usize {
-        (self.surroundings.as_ref()).map_or(0, |around| around.obstacles())
+    /// Where the origin of each obstacle among the surroundings is (m).
+    pub fn obstacles(&self) -> Vec<Vector3<f64>> {
+        (self.surroundings.as_ref()).map_or(Vec::new(), |around| around.obstacles())
     }
 
-    /// Sums from now on what steps that are pulled back add to the derivatives by obstacles.
-    pub fn begin_obstacles(&mut self) {
-        let count = self.obstacles();
+    /// Sums from now on what steps that are pulled back add to the derivatives by obstacles and by the base.
+    pub fn begin_surroundings(&mut self) {
+        let count = self.obstacles().len();
         self.obstacles.clear();
         self.obstacles.resize(count, ObstacleGradient::default());
+        self.base_rotation = Some(Vector3::zeros());
     }
 
-    /// Those sums, of each obstacle.
-    pub fn take_obstacles(&mut self) -> Vec<ObstacleGradient> {
-        std::mem::take(&mut self.obstacles)
+    /// Those sums: of each obstacle, and of the base by what it does to the forces on the robot, not by the poses that it carries along.
+    pub fn take_surroundings(&mut self) -> (Vec<ObstacleGradient>, PoseTangent) {
+        // Seen from the base, obstacles move the other way, and dead loads turn.
+        let mut base = PoseTangent {
+            position: Vector3::zeros(),
+            rotation: self.base_rotation.take().unwrap_or_default(),
+        };
+        let from = self.robot().base();
+        for (obstacle, origin) in self.obstacles.iter().zip(self.obstacles()) {
+            let PoseTangent { position, rotation } = obstacle.pose;
+            base.position -= position;
+            base.rotation -= rotation + (origin - from).cross(&position);
+        }
+        (std::mem::take(&mut self.obstacles), base)
+    }
+
+    /// Adds the derivatives by a rotation of the base, which turns gravity and other dead loads the other way.
+    fn add_base(&mut self, loads: &Loads) {
+        let Some(rotation) = &mut self.base_rotation else {
+            return;
+        };
+        let equations = &self.step.equations;
+        let chain = &equations.posture.chain;
+        // The virtual motions of the discs along the multipliers: what forces on them do work along.
+        let (mut turn, mut centre) = (Vector3::zeros(), Vector3::zeros());
+        let mut below = equations.robot.base();
+        let motions = self.multipliers.iter().enumerate().map(|(k, multiplier)| {
+            centre += turn.cross(&(chain.centres[k] - below));
+            below = chain.centres[k];
+            turn += multiplier;
+            PoseTangent {
+                position: centre + turn.cross(&(chain.positions[k] - below)),
+                rotation: turn,
+            }
+        });
+        let motions: Vec<PoseTangent> = motions.collect();
+        let dead = equations.forces.dead.wrenches(chain);
+        let moments = loads.world_moments(motions.len());
+        *rotation += DeadForces::pull_back_base(&dead, &moments, &motions);
     }
 
     /// Whether it is of a robot among surroundings.
@@ -247,6 +288,7 @@ impl StepAdjoint {
             }
             None => self.pushed.solve_transposed(scratch, multipliers),
         }
+        self.add_base(loads);
         self.add_loads(loads, turns);
         self.add_inertia(turns, rates);
         if !self.pushes.is_empty() {

@@ -34,6 +34,8 @@ pub struct RolloutDirection {
     pub parameters: Vec<(Parameter, f64)>,
     /// Of each obstacle of the scene, before the motion begins; empty where none changes.
     pub obstacles: Vec<ObstacleTangent>,
+    /// Of the base: its displacement (m) and rotation (rad), world axes, before the motion begins.
+    pub base: PoseTangent,
 }
 
 /// Change of a state.
@@ -75,8 +77,10 @@ pub(crate) fn tangent_by(
     let RolloutDirection {
         wrenches,
         obstacles,
+        base,
         ..
     } = direction;
+    let around = !obstacles.is_empty() || *base != PoseTangent::default();
     let of_step = wrenches.iter().find(|step| step.len() != discs);
     let where_given = |found: usize, expected: usize| if found == 0 { 0 } else { expected };
     for (what, expected, found) in [
@@ -97,7 +101,7 @@ pub(crate) fn tangent_by(
         ("direction of moments", discs, direction.moments.len()),
         (
             "direction of obstacles",
-            where_given(obstacles.len(), adjoint.obstacles()),
+            where_given(obstacles.len(), adjoint.obstacles().len()),
             obstacles.len(),
         ),
     ] {
@@ -132,17 +136,20 @@ pub(crate) fn tangent_by(
                 *by = f64::from(u8::from(dof + contact == i));
             }
             let mut by_model = ModelTangent::zero(robot);
-            if !obstacles.is_empty() {
-                adjoint.begin_obstacles();
+            if around {
+                adjoint.begin_surroundings();
             }
             let by_command =
                 adjoint.pull_back(before, command, loads, &mut gradient, &mut by_model)?;
-            let by_obstacles = obstacles.iter().zip(adjoint.take_obstacles());
+            let (by_obstacles, by_base) = adjoint.take_surroundings();
+            let by_obstacles = obstacles.iter().zip(by_obstacles);
             let by_deflections = adjoint.by_deflections().zip(&deflected);
             *rate = dot(&gradient, &coordinates)
                 + by_deflections.map(|(by, change)| *by * change).sum::<f64>()
                 + dot(&by_command, &by_acting[step])
                 + model.along(&by_model, step)
+                + base.position.dot(&by_base.position)
+                + base.rotation.dot(&by_base.rotation)
                 + by_obstacles
                     .map(|(change, by)| change.dot(&by))
                     .sum::<f64>();
@@ -211,7 +218,10 @@ impl<'a> Model<'a> {
 
     /// Change of the discs' poses when the joints' coordinates change by `turns`.
     fn move_discs(&self, chain: &Chain, robot: &Robot, turns: &[f64]) -> Vec<PoseTangent> {
-        let (mut rotation, mut centre) = (Vector3::zeros(), Vector3::zeros());
+        let PoseTangent {
+            mut rotation,
+            position: mut centre,
+        } = self.direction.base;
         let mut below = robot.base();
         let joints = turns.as_chunks::<3>().0.iter().enumerate();
         joints

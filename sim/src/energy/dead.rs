@@ -9,6 +9,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::chain::Chain;
+use crate::pose::PoseTangent;
 use crate::robot::{Frame, Loads, Robot};
 
 /// Dead forces on the discs of a robot, world frame.
@@ -25,6 +26,19 @@ pub(crate) struct DeadForces {
     pub payload: Vector3<f64>,
     /// Where it acts, from the centre of the disc's joint, in the disc's frame (m).
     pub payload_arm: Vector3<f64>,
+}
+
+impl Loads {
+    /// Of each of so many discs the sum of the moments that keep their direction (N m), world axes.
+    pub(crate) fn world_moments(&self, discs: usize) -> Vec<Vector3<f64>> {
+        let mut moments = vec![Vector3::zeros(); discs];
+        for wrench in self.wrenches() {
+            if wrench.frame == Frame::World {
+                moments[wrench.disc] += Vector3::from(wrench.moment);
+            }
+        }
+        moments
+    }
 }
 
 /// By hand, so that `clone_from` allocates nothing.
@@ -124,6 +138,23 @@ impl DeadForces {
             *couples += self.payload * (hung - chain.positions[tip]).transpose();
         }
         wrenches
+    }
+
+    /// Derivatives by a rotation of the base (rad, world axes) of a cost that has these derivatives by forces on the discs' origins and by
+    /// moments: seen from the base, dead `wrenches` ([`DeadForces::wrenches`]) and `moments` turn the other way.
+    pub fn pull_back_base(
+        wrenches: &[(Vector3<f64>, Matrix3<f64>)],
+        moments: &[Vector3<f64>],
+        cotangents: &[PoseTangent],
+    ) -> Vector3<f64> {
+        let dead = wrenches.iter().zip(moments).zip(cotangents);
+        dead.map(|(((force, couples), moment), by)| {
+            couples.tr_mul(&by.rotation)
+                - by.rotation * couples.trace()
+                - force.cross(&by.position)
+                - moment.cross(&by.rotation)
+        })
+        .sum()
     }
 
     /// Their potential (J) in the poses of `chain`.

@@ -188,8 +188,9 @@ impl Surroundings for ContactStepper {
         &mut self.stepper
     }
 
-    fn obstacles(&self) -> usize {
-        self.scene.obstacles().len()
+    fn obstacles(&self) -> Vec<Vector3<f64>> {
+        let obstacles = self.scene.obstacles().iter();
+        obstacles.map(|own| own.pose.translation.vector).collect()
     }
 }
 

@@ -191,7 +191,7 @@ impl RubbedStep {
         [after, before]: [&mut [f64]; 2],
         model: &mut ModelTangent,
     ) {
-        for t in 0..self.lines.len() {
+        for (t, &command) in command.iter().enumerate() {
             let (line, profile) = (&rubbing.lines[t], &rubbing.before[t]);
             let stiffness = line.friction.contact_stiffness;
             let mut by = TendonCotangent::of(line);
@@ -235,7 +235,7 @@ impl RubbedStep {
                     servo,
                     chain,
                 };
-                self.pull_back_tendon(tendon, (&equations.robot, command[t]), by, turns, model);
+                self.pull_back_tendon(tendon, (&equations.robot, command), by, turns, model);
             }
         }
     }

@@ -90,6 +90,7 @@ fn nothing(case: &Case) -> RolloutDirection {
         wrenches: Vec::new(),
         parameters: Vec::new(),
         obstacles: Vec::new(),
+        base: PoseTangent::default(),
     }
 }
 

@@ -230,7 +230,28 @@ impl Case {
             },
             parameters,
             obstacles: obstacles.as_chunks().0.iter().map(of_obstacle).collect(),
+            base: PoseTangent {
+                position: Vector3::from_fn(|_, _| within(-1.0, 1.0, rng)),
+                rotation: Vector3::from_fn(|_, _| within(-1.0, 1.0, rng)),
+            },
         }
+    }
+
+    /// The motion with the base moved `by` along the first three of six axes, or rotated about the others.
+    pub fn with_base_moved(&self, axis: usize, by: f64) -> Self {
+        let mut moved = self.with(self.rollout.clone());
+        let base = &mut moved.spec.base;
+        match axis {
+            0..3 => base.position[axis] += by,
+            _ => {
+                let [w, x, y, z] = base.orientation;
+                let turn = Vector3::ith(axis - 3, by);
+                let turned = UnitQuaternion::from_scaled_axis(turn)
+                    * UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+                base.orientation = [turned.w, turned.i, turned.j, turned.k];
+            }
+        }
+        moved
     }
 
     /// The motion with a parameter changed by `by`.
@@ -331,6 +352,15 @@ pub fn assert_near(found: f64, expected: f64, size: f64, what: &str) {
     );
 }
 
+/// The gradient by the base is that of differences by steps of `size` (m, rad).
+pub fn assert_base(case: &Case, gradient: &PoseTangent, size: f64, label: &str) {
+    let found = gradient.position.iter().chain(&gradient.rotation);
+    for (axis, found) in found.enumerate() {
+        let expected = case.numeric(size, |by| case.with_base_moved(axis, by));
+        assert_near(*found, expected, size, &format!("{label}: base {axis}"));
+    }
+}
+
 pub fn assert_parameters(case: &Case, label: &str) {
     let parameters = all_parameters(&case.spec);
     let (gradient, by_parameters) = case.gradient_by(&parameters);
@@ -339,6 +369,7 @@ pub fn assert_parameters(case: &Case, label: &str) {
         let expected = case.numeric(size, |by| case.moved(parameter, by));
         assert_near(*found, expected, size, &format!("{label}: {parameter}"));
     }
+    assert_base(case, &gradient.base, 1e-4, label);
     // The command's is the sum of the steps' own; wrenches are parameters too.
     let named = |parameter: Parameter| {
         let at = parameters.iter().position(|p| *p == parameter).unwrap();

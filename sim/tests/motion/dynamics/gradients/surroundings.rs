@@ -14,7 +14,7 @@ use tdcr_sim::scene::{ContactLaw, Obstacle, Scene};
 use super::super::derivatives::{nudged, nudged_command, random_rollout};
 use super::super::difference;
 use super::by_obstacles::{assert_derivatives_by_obstacles, assert_refuses_others};
-use super::case::{Case, TIMESTEP, all_parameters, assert_near};
+use super::case::{Case, TIMESTEP, all_parameters, assert_base, assert_near};
 use super::tangents::assert_adjoint;
 use crate::random_robot::within;
 
@@ -88,6 +88,8 @@ pub fn assert_gradient(case: &Case, (stride, share): (usize, f64), label: &str) 
         let expected = case.numeric(size, |by| case.moved(parameter, by));
         assert_near(found, expected, size, &format!("{label}: {parameter}"));
     }
+    // Contacts that stick are stiff: a smaller step keeps them sticking.
+    assert_base(case, &gradient.base, f64::min(share * 1e-3, 5e-7), label);
     // What joints of fewer than three hinges do not have stands still.
     let moves = |index: usize| {
         let hinges = &robot.discs()[index % robot.dof() / 3].hinges;

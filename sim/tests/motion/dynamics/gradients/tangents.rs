@@ -57,6 +57,8 @@ pub fn assert_adjoint(case: &Case, rng: &mut ChaCha8Rng, label: &str) {
         vectors(&gradient.forces, &direction.forces),
         vectors(&gradient.moments, &direction.moments),
         dot(&gradient.parameters, &rates),
+        gradient.base.position.dot(&direction.base.position)
+            + gradient.base.rotation.dot(&direction.base.rotation),
         (gradient.wrenches.iter().flatten())
             .zip(direction.wrenches.iter().flatten())
             .map(|(by, change)| vectors(by, change))
