@@ -97,6 +97,8 @@ pub struct RolloutGradientRows {
     parameters: Py<PyArray2<f64>>,
     /// By the motion of each obstacle and its compliance, shape (rows, obstacles, 7).
     obstacles: Py<PyArray3<f64>>,
+    /// By the motion of the base, shape (rows, 6).
+    base: Py<PyArray2<f64>>,
     /// Rows that could not go on or have no derivatives: class of the exception, and why.
     failures: Vec<(usize, &'static str, String)>,
 }
@@ -112,6 +114,7 @@ struct Row<'a> {
     wrenches: &'a mut [f64],
     parameters: &'a mut [f64],
     obstacles: &'a mut [f64],
+    base: &'a mut [f64],
 }
 
 /// What a row of gradients is computed from.
@@ -275,6 +278,11 @@ impl Question<'_> {
         out.parameters
             .copy_from_slice(&gradient.parameters[..asked]);
         write_obstacles(&gradient.obstacles, out.obstacles);
+        let by_base = (gradient.base.position.iter()).chain(&gradient.base.rotation);
+        out.base
+            .iter_mut()
+            .zip(by_base)
+            .for_each(|(out, by)| *out = *by);
         Ok(End::Whole)
     }
 }
@@ -340,17 +348,18 @@ pub fn rollout_vjp_rows(
         false => Vec::new(),
     };
     let obstacles = motions.obstacles();
-    let mut by_obstacles = none(7 * obstacles);
+    let [mut by_obstacles, mut by_base] = [none(7 * obstacles), none(6)];
     let ends: Vec<Outcome<End>> = run::long(py, progress.as_ref(), |watch| {
         let starts = parts(&mut by_configuration, rows).zip(parts(&mut by_velocity, rows));
         let loads = by_payload.iter_mut().zip(parts(&mut by_wrench, rows));
         let others = parts(&mut by_commands, rows).zip(parts(&mut by_parameters, rows));
-        let around = parts(&mut by_wrenches, rows).zip(parts(&mut by_obstacles, rows));
+        let around = parts(&mut by_obstacles, rows).zip(parts(&mut by_base, rows));
+        let around = parts(&mut by_wrenches, rows).zip(around);
         let others = others.zip(around);
         let out = starts.zip(loads).zip(others).map(
             |(
                 ((configuration, velocity), (payload, wrench)),
-                ((commands, parameters), (wrenches, obstacles)),
+                ((commands, parameters), (wrenches, (obstacles, base))),
             )| Row {
                 commands,
                 configuration,
@@ -360,6 +369,7 @@ pub fn rollout_vjp_rows(
                 wrenches,
                 parameters,
                 obstacles,
+                base,
             },
         );
         let mut out: Vec<Row<'_>> = out.collect();
@@ -388,6 +398,7 @@ pub fn rollout_vjp_rows(
         },
         parameters: array(py, by_parameters, [rows, width])?.unbind(),
         obstacles: array(py, by_obstacles, [rows, obstacles, 7])?.unbind(),
+        base: array(py, by_base, [rows, 6])?.unbind(),
         failures,
     })
 }

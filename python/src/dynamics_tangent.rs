@@ -5,6 +5,7 @@ use numpy::{PyArray4, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyRe
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use tdcr::sim::dynamics::{DynamicsError, RolloutDirection, rollout_tangent};
+use tdcr::sim::pose::PoseTangent;
 use tdcr::sim::robot::Parameter;
 use tdcr::sim::simulation::MovingRobot;
 
@@ -22,7 +23,8 @@ use crate::steps::Steps;
 
 /// How all that the rows depend on changes, as it comes from Python: commands (rows, commands, tendons), configuration (rows,
 /// discs, 4), velocity (rows, discs, 3), payload (rows,), wrench (rows, discs, 6), parameters (rows, parameters), where they vary
-/// wrenches (rows, commands, discs, 6), and the motion of each obstacle and its compliance (rows, obstacles, 7).
+/// wrenches (rows, commands, discs, 6), the motion of each obstacle and its compliance (rows, obstacles, 7), and the motion of the base
+/// (rows, 6).
 #[derive(FromPyObject)]
 pub struct Rates<'py>(
     PyReadonlyArray3<'py, f64>,
@@ -33,6 +35,7 @@ pub struct Rates<'py>(
     PyReadonlyArray2<'py, f64>,
     Option<PyReadonlyArray4<'py, f64>>,
     PyReadonlyArray3<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
 );
 
 /// The same, as numbers one after another.
@@ -46,6 +49,7 @@ struct Numbers {
     /// Empty where they do not vary.
     wrenches: Vec<f64>,
     obstacles: Vec<f64>,
+    base: Vec<f64>,
 }
 
 impl Numbers {
@@ -68,6 +72,7 @@ impl Numbers {
             },
             obstacles: contiguous(&rates.7, "obstacle_rates", &[rows, motions.obstacles(), 7])?
                 .to_vec(),
+            base: contiguous(&rates.8, "base_rates", &[rows, 6])?.to_vec(),
         })
     }
 
@@ -124,6 +129,13 @@ impl Numbers {
                 })
                 .flat_map(|step| std::iter::repeat_n(step, motions.steps.skip))
                 .collect(),
+            base: {
+                let base = part(&self.base);
+                PoseTangent {
+                    position: Vector3::from_column_slice(&base[..3]),
+                    rotation: Vector3::from_column_slice(&base[3..]),
+                }
+            },
             obstacles: match obstacles.iter().any(|rate| *rate != 0.0) {
                 true => read_obstacles(obstacles),
                 false => Vec::new(),

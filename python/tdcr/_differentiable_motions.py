@@ -17,6 +17,7 @@ from tdcr._differentiable import (
     placed,
     poses_cotangent,
     robot_of,
+    robots_based,
     robots_of,
     rows_of_poses,
     scene_of,
@@ -41,6 +42,7 @@ class MotionProblem:
     payload: Floats
     wrench: Floats
     poses: Floats
+    base: Floats
     scene: Scene | None
     dt: float
     frame_skip: int
@@ -56,17 +58,19 @@ class MotionProblem:
             dt: Time step (s).
             frame_skip: Time steps for which each command holds.
             arguments: Commands, shape (..., T, tendons); configuration and velocity of the start, shapes (..., n, 4) and
-                (..., n, 3); payload, wrench, values and poses as of :meth:`Problem.of`, a wrench for each command of shape
-                (..., T, n, 6) as well.
+                (..., n, 3); payload, wrench, values, poses of obstacles and of the base as of :meth:`Problem.of`, a
+                wrench for each command of shape (..., T, n, 6) as well.
         """
-        commands, configuration, velocity, payload, wrench, values, poses = (np.asarray(argument) for argument in arguments)
+        *given, payload, wrench, values, poses, base = (np.asarray(argument) for argument in arguments)
+        commands, configuration, velocity = given
         robot, leading, discs = robot_of(text), commands.shape[:-2], robot_of(text).discs
         start = State(
             as_rows(configuration, "configuration", leading, (discs, 4)), as_rows(velocity, "velocity", leading, (discs, 3))
         )
         of_wrench = (commands.shape[-2], discs, 6) if wrench.ndim > commands.ndim else (discs, 6)
+        bases = rows_of_poses(base, "base_quaternion", leading)
         return cls(
-            robots_of(robot, names, values, leading),
+            robots_based(robots_of(robot, names, values, leading), bases),
             tuple(names),
             leading,
             as_rows(commands, "commands", leading, (commands.shape[-2], robot.tendons)),
@@ -74,6 +78,7 @@ class MotionProblem:
             as_rows(payload, "payload", leading, ()),
             as_rows(wrench, "wrench", leading, of_wrench),
             rows_of_poses(poses, "obstacle_quaternions", leading),
+            bases,
             scene_of(scene),
             dt,
             frame_skip,
@@ -119,7 +124,7 @@ class MotionProblem:
             np.asarray(by, dtype=np.float64).reshape(rows, steps, discs, width)
             for by, width in ((by_positions, 3), (by_quaternions, 4), (by_velocity, 3))
         ]
-        *gradients, by_poses = (np.zeros((rows, *shape)) for shape in self._shapes())
+        *gradients, by_poses, by_base = (np.zeros((rows, *shape)) for shape in self._shapes())
         counts = np.any([by.any(axis=(1, 2, 3)) for by in by_states], axis=0)
         if counts.any():
             found = rollout_vjp(
@@ -141,7 +146,9 @@ class MotionProblem:
                 gradient[counts] = part
             if self.poses.size:
                 by_poses[counts] = poses_cotangent(self.poses[counts], found.obstacles)
-        return [gradient.reshape((*self.leading, *gradient.shape[1:])) for gradient in (*gradients, by_poses)]
+            if self.base.size:
+                by_base[counts] = poses_cotangent(self.base[counts], found.base[:, None])
+        return [gradient.reshape((*self.leading, *gradient.shape[1:])) for gradient in (*gradients, by_poses, by_base)]
 
     def tangent(self, rates: Sequence[Any]) -> tuple[Floats, Floats, Floats]:
         """Change of positions, quaternions and rates of the joints when all arguments of :meth:`of` change at ``rates``, of
@@ -157,12 +164,13 @@ class MotionProblem:
         for rate in by:
             counts |= rate.reshape(rows, int(np.prod(rate.shape[1:]))).any(axis=1)
         if counts.any():
-            *others, of_poses = (rate[counts] for rate in by)
+            *others, of_poses, of_base = (rate[counts] for rate in by)
             moving = motions_of(self.poses[counts], of_poses) if of_poses.size else None
+            based = motions_of(self.base[counts], of_base)[:, 0] if of_base.size else None
             found = rollout_jvp(
                 chosen_robots(self.robots, counts),
                 self.commands[counts],
-                RolloutRates(*others)._replace(obstacles=moving),
+                RolloutRates(*others)._replace(obstacles=moving, base=based),
                 self.payload[counts],
                 parameters=self.names,
                 wrench=self.wrench[counts],
@@ -178,10 +186,11 @@ class MotionProblem:
 
     def _shapes(self) -> list[tuple[int, ...]]:
         """Shapes of a row of what motions are differentiated by, in the order of :meth:`of`: commands, start, payload, wrench,
-        values and poses."""
+        values, poses of obstacles and of the base."""
         discs = self.wrench.shape[-2]
         start = (discs, 4), (discs, 3)
-        return [self.commands.shape[1:], *start, (), self.wrench.shape[1:], (len(self.names),), self.poses.shape[1:]]
+        poses = self.poses.shape[1:], self.base.shape[1:]
+        return [self.commands.shape[1:], *start, (), self.wrench.shape[1:], (len(self.names),), *poses]
 
     def _scenes(self, chosen: Any) -> Scene | list[Scene] | None:
         """The scenes of some rows: one for all, or one for each."""

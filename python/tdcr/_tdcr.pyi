@@ -602,6 +602,8 @@ class RolloutGradientRows:
     @property
     def obstacles(self) -> _Floats: ...
     @property
+    def base(self) -> _Floats: ...
+    @property
     def failures(self) -> list[tuple[int, str, str]]: ...
 
 @final
@@ -681,7 +683,7 @@ def rollout_jvp_rows(
     start: _Start,
     steps: Steps,
     around: _Around,
-    rates: tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats | None, _Floats],
+    rates: tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats | None, _Floats, _Floats],
     names: list[str],
     progress: _Progress = None,
 ) -> RolloutTangentRows: ...

@@ -34,6 +34,8 @@ class RolloutGradients(Batch):
         obstacles: By the motion of each of the scene's ``m`` obstacles, a displacement of its origin (m) and a rotation about it
             (rad) in the world's axes before the motion begins, shape (rows, m, 6).
         compliance: By the compliance of each obstacle (m/N), shape (rows, m).
+        base: By the motion of the base before the motion begins, a displacement of it (m) and a rotation about it (rad) in the
+            world's axes, shape (rows, 6). The joints start as they do, tendons move along; gravity, loads and obstacles stay.
         failures: Why a row has no derivatives, by its number.
     """
 
@@ -45,9 +47,10 @@ class RolloutGradients(Batch):
     parameters: Floats
     obstacles: Floats
     compliance: Floats
+    base: Floats
     failures: dict[int, str]
 
-    _by_rows = ("commands", "configuration", "velocity", "payload", "wrench", "parameters", "obstacles", "compliance")
+    _by_rows = ("commands", "configuration", "velocity", "payload", "wrench", "parameters", "obstacles", "compliance", "base")
 
     def __len__(self) -> int:
         return len(self.payload)
@@ -78,6 +81,9 @@ class RolloutRates(NamedTuple):
     (rad), world axes, shape (rows, m, 6)."""
     compliance: Any = None
     """Of the compliance of each obstacle (m/N), shape (rows, m)."""
+    base: Any = None
+    """Of the base before the motion begins: a displacement of it (m) and a rotation about it (rad), world axes, shape
+    (rows, 6)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -189,6 +195,7 @@ def rollout_vjp(
         rows.parameters,
         np.ascontiguousarray(rows.obstacles[..., :6]),
         np.ascontiguousarray(rows.obstacles[..., 6]),
+        rows.base,
         {row: why for row, _, why in rows.failures},
     )
 
@@ -243,6 +250,7 @@ def rollout_jvp(
         (rows, len(names)),
         (rows, obstacles, 6),
         (rows, obstacles),
+        (rows, 6),
     )
     given = [
         np.zeros(shape) if rate is None else as_float(rate, f"rates.{name}", shape)
@@ -251,9 +259,9 @@ def rollout_jvp(
     if question.norms is not None:
         # Of a rotation that was given as a longer quaternion.
         given[1] = given[1] / question.norms
-    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters, by_motions, by_compliance = given
+    *others, by_motions, by_compliance, by_base = given
     by_obstacles = np.concatenate([by_motions, by_compliance[..., np.newaxis]], axis=-1)
-    native = (by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters, of_wrenches, by_obstacles)
+    native = (*others, of_wrenches, by_obstacles, by_base)
     found = _tdcr.rollout_jvp_rows(*question.arguments(), native, names, progress)
     failures = {row: why for row, _, why in found.failures}
     return RolloutTangents(found.positions, found.quaternions, found.velocity, failures)

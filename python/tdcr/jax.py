@@ -105,10 +105,12 @@ def rollout(
     scene: Scene | None = None,
     obstacle_positions: Any = None,
     obstacle_quaternions: Any = None,
+    base_position: Any = None,
+    base_quaternion: Any = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads, the values of physical
-    parameters and the poses of obstacles.
+    parameters, and the poses of obstacles and of the base.
 
     Computed in float64 by a callback to the host, by the integrator ``"semi-implicit-euler"``. It has first derivatives, in
     reverse and in forward mode, of which a forward one takes as long as a reverse one for each rate of a joint: see
@@ -128,7 +130,8 @@ def rollout(
         dt: Time step (s).
         frame_skip: Time steps for which each command holds.
         scene: Obstacles around the robots, without a mass: see :func:`tdcr.rollout_vjp`.
-        obstacle_positions, obstacle_quaternions: Poses of the obstacles all along, in place of the scene's, as of :func:`settle`.
+        obstacle_positions, obstacle_quaternions, base_position, base_quaternion: Poses of the obstacles and of the base all
+            along, in place of the scene's and the robot's own, as of :func:`settle`. The joints start as they do.
         on_failure: What becomes of rows that diverge: ``"raise"``, or ``"nan"``.
 
     Returns:
@@ -154,6 +157,7 @@ def rollout(
         _rows(wrench, "wrench", dtype, leading, of_wrench),
         _rows(values, "values", dtype, leading, (len(names),)),
         _poses(scene, obstacle_positions, obstacle_quaternions, dtype, leading),
+        _base(robot, base_position, base_quaternion, dtype, leading),
     )
     steps = as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1)
     positions, quaternions, rates = call(_moving(_Moving(robot.to_json(), names, *steps, chosen, scene_text(scene))), *arguments)

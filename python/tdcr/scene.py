@@ -130,6 +130,24 @@ class Scene(Sequence[Obstacle]):
         return Scene.from_json(json.dumps(json.loads(self._text) | {"contact_law": law_fields(law)}))
 
     @property
+    def smoothing(self) -> float:
+        """What the product of a contact's force and of the distance of its surfaces is at rest (J); 0 in exact contact."""
+        return float(json.loads(self._text).get("smoothing", 0.0))
+
+    def with_smoothing(self, smoothing: float) -> Scene:
+        """This scene with surfaces that push each other at rest already from afar (J): equilibria are then smooth functions of
+        obstacles that are not touched yet, and have gradients by them. Motions have exact contact.
+
+        Raises:
+            SceneError: For a smoothing outside of 0 to 1 J.
+        """
+        try:
+            number = as_number(smoothing, "smoothing")
+        except InputError as error:
+            raise SceneError(str(error)) from None
+        return Scene.from_json(json.dumps(json.loads(self._text) | {"smoothing": number}))
+
+    @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         """The obstacles, by their numbers."""
         return tuple(Obstacle._of(fields) for fields in json.loads(self._text).get("obstacle", []))

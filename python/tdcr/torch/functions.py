@@ -102,10 +102,12 @@ def rollout(
     scene: Scene | None = None,
     obstacle_positions: Tensor | None = None,
     obstacle_quaternions: Tensor | None = None,
+    base_position: Tensor | None = None,
+    base_quaternion: Tensor | None = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads, the values of physical
-    parameters and the poses of obstacles.
+    parameters, and the poses of obstacles and of the base.
 
     Computed in float64 on the processor by the integrator ``"semi-implicit-euler"``; results have the type of ``commands``, as of
     :func:`settle`. It has first derivatives, in reverse and in forward mode; a forward one takes as long as a reverse one for
@@ -125,7 +127,8 @@ def rollout(
         dt: Time step (s).
         frame_skip: Time steps for which each command holds.
         scene: Obstacles around the robots, without a mass: see :func:`tdcr.rollout_vjp`.
-        obstacle_positions, obstacle_quaternions: Poses of the obstacles all along, in place of the scene's, as of :func:`settle`.
+        obstacle_positions, obstacle_quaternions, base_position, base_quaternion: Poses of the obstacles and of the base all
+            along, in place of the scene's and the robot's own, as of :func:`settle`. The joints start as they do.
         on_failure: What becomes of rows that diverge, as of :func:`settle`.
 
     Returns:
@@ -156,6 +159,7 @@ def rollout(
         _rows(wrench, "wrench", commands, leading, of_wrench),
         _rows(values, "values", commands, leading, (len(names),)),
         _poses(scene, obstacle_positions, obstacle_quaternions, commands, leading),
+        _base(robot, base_position, base_quaternion, commands, leading),
     )
     steps = as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1)
     return operators.rollout(arguments, robot.to_json(), names, steps, chosen, scene_text(scene))

@@ -251,6 +251,7 @@ def _rollout(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     dt: float,
@@ -258,7 +259,7 @@ def _rollout(
     on_failure: str,
     scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    arguments = (commands, configuration, velocity, payload, wrench, values, poses)
+    arguments = (commands, configuration, velocity, payload, wrench, values, poses, base)
     problem = _motion_problem(arguments, robot, names, dt, frame_skip, scene)
     positions, quaternions, rates = _of_type(commands, problem.roll_out("raise" if on_failure == "raise" else "nan"))
     return positions, quaternions, rates
@@ -273,6 +274,7 @@ def _(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     dt: float,
@@ -297,17 +299,18 @@ def _rollout_backward(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    arguments = (commands, configuration, velocity, payload, wrench, values, poses)
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    arguments = (commands, configuration, velocity, payload, wrench, values, poses, base)
     problem = _motion_problem(arguments, robot, names, dt, frame_skip, scene)
     found = problem.adjoint(*_arrays((by_positions, by_quaternions, by_rates)))
-    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses = _like(arguments, found)
-    return by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses
+    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses, by_base = _like(arguments, found)
+    return by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses, by_base
 
 
 @_rollout_backward.register_fake
@@ -322,14 +325,16 @@ def _(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
     start = _empty_like(configuration), _empty_like(velocity)
-    return _empty_like(commands), *start, _empty_like(payload), _empty_like(wrench), _empty_like(values), _empty_like(poses)
+    loads, around = (_empty_like(payload), _empty_like(wrench)), (_empty_like(poses), _empty_like(base))
+    return _empty_like(commands), *start, *loads, _empty_like(values), *around
 
 
 @torch.library.custom_op("tdcr::rollout_forward", mutates_args=(), device_types="cpu")
@@ -341,6 +346,7 @@ def _rollout_forward(
     of_wrench: Tensor,
     of_values: Tensor,
     of_poses: Tensor,
+    of_base: Tensor,
     commands: Tensor,
     configuration: Tensor,
     velocity: Tensor,
@@ -348,14 +354,15 @@ def _rollout_forward(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    changes = _arrays((of_commands, of_configuration, of_velocity, of_payload, of_wrench, of_values, of_poses))
-    arguments = (commands, configuration, velocity, payload, wrench, values, poses)
+    changes = _arrays((of_commands, of_configuration, of_velocity, of_payload, of_wrench, of_values, of_poses, of_base))
+    arguments = (commands, configuration, velocity, payload, wrench, values, poses, base)
     found = _motion_problem(arguments, robot, names, dt, frame_skip, scene).tangent(changes)
     positions, quaternions, rates = _of_type(commands, found)
     return positions, quaternions, rates
@@ -370,6 +377,7 @@ def _(
     of_wrench: Tensor,
     of_values: Tensor,
     of_poses: Tensor,
+    of_base: Tensor,
     commands: Tensor,
     configuration: Tensor,
     velocity: Tensor,
@@ -377,6 +385,7 @@ def _(
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
+    base: Tensor,
     robot: str,
     names: str,
     dt: float,

@@ -119,7 +119,7 @@ impl Equations {
 
     pub fn law_of(&self, near: &Near, hardness: Hardness) -> Law {
         let obstacle = &self.scene.obstacles()[near.obstacle];
-        hardness.law(obstacle.compliance, self.reach)
+        self.begin(hardness.law(obstacle.compliance, self.reach))
     }
 
     fn own_compliance(&self) -> Option<f64> {
@@ -136,7 +136,15 @@ impl Equations {
 
     pub fn own_law_of(&self, hardness: Hardness) -> Law {
         let compliance = self.own_compliance().unwrap_or_default();
-        hardness.law(compliance, self.own_reach)
+        self.begin(hardness.law(compliance, self.own_reach))
+    }
+
+    /// How a law begins at its reach: smoothly where it keeps a barrier.
+    fn begin(&self, law: Law) -> Law {
+        match self.scene.smoothing() > 0.0 {
+            true => law.beginning_smoothly(),
+            false => law,
+        }
     }
 
     /// The robot's contacts with itself.

@@ -5,6 +5,10 @@
 //! solution is `f = 2 mu / (g + sqrt(g² + 4 C mu))` (an interior-point method: Nocedal and Wright, Numerical Optimization, ch. 19).
 //! It has a potential, `C f² / 2 - mu log w`, which is smooth in every gap, and tends to `g² / (2 C)` of the overlap as `mu` does
 //! to 0.
+//!
+//! Contacts farther apart than a reach do not count. Where the barrier stays, as contacts are to be smooth, the line that touches the
+//! law there is taken off it, `f(g) - f(R) + k(R) (g - R)` with the stiffness `k`: force and stiffness then begin at 0 (as potentials are
+//! shifted and cut off in molecular dynamics: Allen and Tildesley, Computer Simulation of Liquids, ch. 5.2).
 
 use nalgebra::Vector3;
 
@@ -28,6 +32,8 @@ pub(super) struct Law {
     pub compliance: f64,
     /// Gap at which the potential counts from 0 (m).
     pub reach: f64,
+    /// What is taken off: the response at the reach.
+    tail: Option<Response>,
 }
 
 /// How hard contacts are while the robot settles.
@@ -89,11 +95,40 @@ impl Law {
             barrier,
             compliance: compliance.max(STIFFEST),
             reach,
+            tail: None,
         }
     }
 
-    /// The response at a gap (m).
+    /// The same law, beginning smoothly at its reach.
+    pub fn beginning_smoothly(self) -> Self {
+        Self {
+            tail: Some(self.at(self.reach)),
+            ..self
+        }
+    }
+
+    /// The response at a gap (m), within the reach.
     pub fn at(&self, gap: f64) -> Response {
+        let whole = self.whole(gap);
+        match &self.tail {
+            None => whole,
+            Some(tail) => Response {
+                force: whole.force - tail.force + tail.stiffness * (gap - self.reach),
+                stiffness: whole.stiffness - tail.stiffness,
+                by_compliance: whole.by_compliance - tail.by_compliance
+                    + self.tail_by_compliance(tail) * (gap - self.reach),
+            },
+        }
+    }
+
+    /// Derivative of the tail's stiffness by the compliance: of `f / r`, `r = sqrt(g² + 4 C mu)`.
+    fn tail_by_compliance(&self, tail: &Response) -> f64 {
+        let root = self.root(self.reach);
+        (tail.by_compliance - tail.stiffness * 2.0 * self.barrier / root) / root
+    }
+
+    /// The response without the tail taken off.
+    fn whole(&self, gap: f64) -> Response {
         if self.barrier == 0.0 {
             return match gap < 0.0 {
                 true => Response::bearing(gap, self.compliance),
@@ -113,13 +148,19 @@ impl Law {
     pub fn energy(&self, gap: f64) -> f64 {
         let force = self.force(gap, self.root(gap));
         let apart = self.barrier / force;
-        0.5 * self.compliance * force * force - self.barrier * (apart / self.reach).ln()
+        let whole =
+            0.5 * self.compliance * force * force - self.barrier * (apart / self.reach).ln();
+        let beyond = gap - self.reach;
+        (self.tail).map_or(whole, |tail| {
+            whole + (tail.force - 0.5 * tail.stiffness * beyond) * beyond
+        })
     }
 
-    /// To first order, what the law `next` adds to a response of this one at the same gap (N).
-    pub fn change(&self, response: &Response, next: &Self) -> f64 {
-        let by_barrier = (next.barrier - self.barrier) * response.stiffness / response.force;
-        by_barrier + (next.compliance - self.compliance) * response.by_compliance
+    /// To first order, what the law `next` adds to the force of this one at a gap (m), but for the tail (N).
+    pub fn change(&self, gap: f64, next: &Self) -> f64 {
+        let by_compliance = self.whole(gap).by_compliance;
+        (next.barrier - self.barrier) / self.root(gap)
+            + (next.compliance - self.compliance) * by_compliance
     }
 
     fn root(&self, gap: f64) -> f64 {
@@ -156,6 +197,38 @@ mod tests {
     }
 
     #[test]
+    fn a_law_that_begins_smoothly_has_its_derivatives_and_begins_at_nothing() {
+        let step = 1e-7;
+        for barrier in [1e-4, 1e-6] {
+            let law = Law::new(barrier, 1e-5, 0.01).beginning_smoothly();
+            for gap in [-1e-4, 1e-4, 5e-3, 9e-3] {
+                let [below, at, above] = [gap - step, gap, gap + step].map(|gap| law.at(gap));
+                let slope = (law.energy(gap - step) - law.energy(gap + step)) / (2.0 * step);
+                let bend = (below.force - above.force) / (2.0 * step);
+                assert!(
+                    (slope / at.force - 1.0).abs() < 1e-4,
+                    "{gap} {slope} {at:?}"
+                );
+                assert!(
+                    (bend / at.stiffness - 1.0).abs() < 1e-3,
+                    "{gap} {bend} {at:?}"
+                );
+                let softer = |by: f64| Law::new(barrier, 1e-5 + by, 0.01).beginning_smoothly();
+                let by_compliance =
+                    (softer(1e-9).at(gap).force - softer(-1e-9).at(gap).force) / 2e-9;
+                let off = (by_compliance - at.by_compliance).abs();
+                assert!(
+                    off < 1e-4 * at.by_compliance.abs() + 1e-6,
+                    "{gap} {by_compliance} {at:?}"
+                );
+            }
+            let begin = law.at(0.01);
+            assert_eq!((begin.force, begin.stiffness), (0.0, 0.0));
+            assert!(law.energy(0.01).abs() < 1e-4 * law.energy(1e-3));
+        }
+    }
+
+    #[test]
     fn a_harder_law_changes_the_force_to_first_order() {
         let law = Law::new(1e-6, 1e-4, 0.05);
         for gap in [-1e-4, 0.0, 1e-4] {
@@ -163,7 +236,7 @@ mod tests {
             for (barrier, compliance) in [(1e-10, 0.0), (0.0, -1e-8), (1e-10, -1e-8)] {
                 let next = Law::new(law.barrier + barrier, law.compliance + compliance, 0.05);
                 let change = next.at(gap).force - response.force;
-                let predicted = law.change(&response, &next);
+                let predicted = law.change(gap, &next);
                 assert!(
                     (change - predicted).abs() < 1e-3 * change.abs(),
                     "{change} {predicted}"

@@ -109,7 +109,9 @@ impl ContactEquilibrium {
         let product = response.force * (contact.gap + pressed_in);
         self.complementarity = self.complementarity.max(product.abs());
         self.penetration = self.penetration.max(-contact.gap);
-        if apart > touching {
+        // Smooth contacts count from where their undeformed surfaces meet.
+        let met = (law.compliance * law.barrier).sqrt();
+        if apart > touching.max(met * (1.0 + 1e-9)) {
             return;
         }
         let activity = match pressed_in > STRICT * apart {

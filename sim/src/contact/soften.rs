@@ -36,12 +36,12 @@ impl Equations {
         };
         for near in &self.neighbourhood.near {
             let law = self.law(near);
-            let change = law.change(&law.at(near.gap), &self.law_of(near, next));
+            let change = law.change(near.gap, &self.law_of(near, next));
             push(near.bead.disc, &near.arm, &(near.normal * change));
         }
         let own = self.own_law();
         for near in self.near_pairs() {
-            let change = own.change(&own.at(near.gap), &self.own_law_of(next));
+            let change = own.change(near.gap, &self.own_law_of(next));
             for (i, sign) in [(0, 1.0), (1, -1.0)] {
                 let disc = near.beads[i].disc;
                 let arm = near.centres[i] - chain.centres[disc];

@@ -73,6 +73,9 @@ pub enum SceneError {
         /// The compliance found (m/N).
         compliance: f64,
     },
+    /// Contacts cannot be so smooth.
+    #[error("`smoothing` is {0}; expected a number from 0 to 1 (J)")]
+    Smoothing(f64),
     /// Contacts cannot push so.
     #[error("`contact_law.{field}` is {value}; expected {expected}")]
     ContactLaw {

@@ -50,8 +50,11 @@ use error::called;
 
 /// Most obstacles of a scene: pictures label each by a number of its own.
 const MOST_OBSTACLES: usize = 10_000;
+/// Largest smoothing of contacts (J).
+const LARGEST_SMOOTHING: f64 = 1.0;
 
-/// Obstacles around a robot, valid and with names of their own, whether the robot touches itself, and how contacts push in motion.
+/// Obstacles around a robot, valid and with names of their own, whether the robot touches itself, how contacts push in motion, and how
+/// smoothly they do at rest.
 /// Clones share the obstacles.
 /// The default is the scene in which nothing is touched.
 #[derive(Clone, Debug)]
@@ -59,6 +62,7 @@ pub struct Scene {
     obstacles: Arc<[Obstacle]>,
     self_contact: SelfContact,
     contact_law: ContactLaw,
+    smoothing: f64,
 }
 
 impl Default for Scene {
@@ -67,6 +71,7 @@ impl Default for Scene {
             obstacles: Arc::default(),
             self_contact: SelfContact::Ignored,
             contact_law: ContactLaw::default(),
+            smoothing: 0.0,
         }
     }
 }
@@ -86,7 +91,7 @@ impl Scene {
         Ok(Self {
             obstacles: obstacles.into(),
             self_contact: SelfContact::default(),
-            contact_law: ContactLaw::default(),
+            ..Self::default()
         })
     }
 
@@ -96,9 +101,8 @@ impl Scene {
     /// As [`new`](Self::new).
     pub fn with_obstacles(&self, obstacles: Vec<Obstacle>) -> Result<Self, SceneError> {
         Ok(Self {
-            self_contact: self.self_contact,
-            contact_law: self.contact_law,
-            ..Self::new(obstacles)?
+            obstacles: Self::new(obstacles)?.obstacles,
+            ..self.clone()
         })
     }
 
@@ -107,8 +111,7 @@ impl Scene {
         let obstacles = numbers.iter().map(|&number| self.obstacles[number].clone());
         Self {
             obstacles: obstacles.collect(),
-            self_contact: self.self_contact,
-            contact_law: self.contact_law,
+            ..self.clone()
         }
     }
 
@@ -136,6 +139,19 @@ impl Scene {
         })
     }
 
+    /// The same scene with surfaces that push each other at rest already from afar: the product of a contact's force and of the distance
+    /// of its surfaces, which is 0 in exact contact, is `smoothing` (J). So equilibria are smooth functions of obstacles that are not yet
+    /// touched. Motions, and paths with friction ([`ContactPath`](crate::tendon_friction::ContactPath)), have exact contact.
+    ///
+    /// # Errors
+    /// [`SceneError::Smoothing`] for one outside of 0 to 1 J.
+    pub fn with_smoothing(self, smoothing: f64) -> Result<Self, SceneError> {
+        match (0.0..=LARGEST_SMOOTHING).contains(&smoothing) {
+            true => Ok(Self { smoothing, ..self }),
+            false => Err(SceneError::Smoothing(smoothing)),
+        }
+    }
+
     /// The scene that is written as `spec`; meshes with relative paths are in `folder`.
     ///
     /// # Errors
@@ -152,10 +168,11 @@ impl Scene {
         });
         let scene = Self {
             obstacles: obstacles.collect::<Result<_, _>>()?,
-            self_contact: SelfContact::default(),
-            contact_law: ContactLaw::default(),
+            ..Self::default()
         };
-        (scene.with_self_contact(spec.self_contact)?).with_contact_law(spec.contact_law)
+        (scene.with_self_contact(spec.self_contact)?)
+            .with_contact_law(spec.contact_law)?
+            .with_smoothing(spec.smoothing)
     }
 
     /// The obstacles, by their numbers.
@@ -184,6 +201,11 @@ impl Scene {
         self.contact_law
     }
 
+    /// What the product of a contact's force and of its surfaces' distance is at rest (J); 0 for exact contact.
+    pub fn smoothing(&self) -> f64 {
+        self.smoothing
+    }
+
     /// The number of the obstacle with a name; `None` if there is none.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.obstacles
@@ -203,6 +225,7 @@ impl Scene {
             obstacles: obstacles.collect::<Result<_, _>>()?,
             self_contact: self.self_contact,
             contact_law: self.contact_law,
+            smoothing: self.smoothing,
         })
     }
 }

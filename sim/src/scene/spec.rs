@@ -30,6 +30,8 @@ pub struct SceneSpec {
     pub self_contact: SelfContact,
     /// How contacts push in motion.
     pub contact_law: ContactLaw,
+    /// What the product of a contact's force and of its surfaces' distance is at rest (J).
+    pub smoothing: f64,
 }
 
 /// Whether discs of a robot touch each other. Neighbours never do: those of the paper's robots overlap wherever the robot bends.
@@ -118,6 +120,8 @@ pub(super) struct SceneInFile {
     self_contact: Option<SelfContactInFile>,
     #[serde(default, skip_serializing_if = "is_usual")]
     contact_law: ContactLaw,
+    #[serde(default, skip_serializing_if = "is_none")]
+    smoothing: f64,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     obstacle: Vec<ObstacleInFile>,
 }
@@ -192,6 +196,7 @@ impl TryFrom<SceneInFile> for SceneSpec {
             obstacles: obstacles.collect::<Result<_, _>>()?,
             self_contact: (file.self_contact).map_or(SelfContact::default(), Into::into),
             contact_law: file.contact_law,
+            smoothing: file.smoothing,
         })
     }
 }
@@ -303,6 +308,7 @@ impl From<SceneSpec> for SceneInFile {
         Self {
             self_contact: (own != SelfContact::default()).then(|| own.into()),
             contact_law: spec.contact_law,
+            smoothing: spec.smoothing,
             obstacle: spec.obstacles.into_iter().map(Into::into).collect(),
         }
     }
@@ -382,6 +388,10 @@ fn is_upright(orientation: &[f64; 4]) -> bool {
 
 fn is_usual(law: &ContactLaw) -> bool {
     *law == ContactLaw::default()
+}
+
+fn is_none(smoothing: &f64) -> bool {
+    *smoothing == 0.0
 }
 
 fn is_origin(position: &[f64; 3]) -> bool {

@@ -28,6 +28,7 @@ impl Scene {
             obstacles: obstacles.collect::<Result<_, _>>()?,
             self_contact: self.self_contact,
             contact_law: self.contact_law,
+            smoothing: self.smoothing,
         };
         let triangles = spec.obstacles.iter().map(|obstacle| match &obstacle.shape {
             ShapeSpec::Triangles { triangles, .. } => triangles.len(),
@@ -49,7 +50,7 @@ impl Scene {
 /// Whether all numbers and names are the same; a scene that cannot be written whole is the same as its clones alone.
 impl PartialEq for Scene {
     fn eq(&self, other: &Self) -> bool {
-        let rules = |scene: &Self| (scene.self_contact, scene.contact_law);
+        let rules = |scene: &Self| (scene.self_contact, scene.contact_law, scene.smoothing);
         (Arc::ptr_eq(&self.obstacles, &other.obstacles) && rules(self) == rules(other))
             || matches!((self.whole_spec(), other.whole_spec()), (Ok(own), Ok(other)) if own == other)
     }

@@ -13,6 +13,7 @@ import pytest
 
 import tdcr
 from tdcr import Obstacle, Scene
+from tdcr.errors import SceneError
 
 
 def every_kind(folder: Path) -> Scene:
@@ -150,3 +151,28 @@ def test_clouds_and_streams_are_of_the_robot_among_obstacles() -> None:
     assert any(not np.array_equal(one.points, other.points) for one, other in samples)
     again = pickle.loads(pickle.dumps(tdcr.Stream(scene=scene, points=200)))
     assert np.array_equal(next(again).points, samples[0][0].points)
+
+
+def test_smoothing_gives_gradients_by_obstacles_that_are_not_touched() -> None:
+    torch = pytest.importorskip("torch")
+    import tdcr.torch
+
+    command = torch.tensor([0.034, 0.007, 0.001, 0.026, 0.015, 0.019])
+    exact = Scene([Obstacle.cylinder("post", 0.01, 0.4, position=(-0.15, 0.0, 0.25), compliance=1e-5)])
+    smooth = exact.with_smoothing(1e-4)
+    assert (exact.smoothing, smooth.smoothing) == (0.0, 1e-4) and smooth != exact
+    assert Scene.from_json(smooth.to_json()) == smooth and pickle.loads(pickle.dumps(smooth)) == smooth
+    place = torch.tensor([one.position for one in exact], dtype=torch.float64, requires_grad=True)
+
+    def tip(place: torch.Tensor, scene: Scene) -> torch.Tensor:
+        positions, _ = tdcr.torch.settle("2m", command, scene=scene, obstacle_positions=place)
+        return positions[-1].sum()
+
+    (none,) = torch.autograd.grad(tip(place, exact), place)
+    (found,) = torch.autograd.grad(tip(place, smooth), place)
+    assert none.abs().max() < 1e-6 and found.abs().max() > 1e-3
+    assert torch.autograd.gradcheck(lambda place: tip(place, smooth), place, eps=1e-6, atol=1e-5)
+    with pytest.raises(SceneError, match=r"`smoothing` is -1; expected a number from 0 to 1 \(J\)"):
+        exact.with_smoothing(-1.0)
+    with pytest.raises(SceneError, match="smoothing is 'a'"):
+        exact.with_smoothing("a")  # type: ignore[arg-type]

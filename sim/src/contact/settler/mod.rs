@@ -192,7 +192,8 @@ impl ContactSettler {
     /// settled, the same as [`settle`](Self::settle).
     ///
     /// Contacts with obstacles of some friction resist sliding from where they were at the last equilibrium, those that are new from
-    /// where they first touch: the path is one of small steps. Where a robot settles otherwise its contacts bear no friction.
+    /// where they first touch: the path is one of small steps. Where a robot settles otherwise its contacts bear no friction, nor
+    /// do those of a scene with [smoothing](Scene::with_smoothing), as its surfaces push each other before they touch.
     ///
     /// # Errors
     /// As [`settle`](Self::settle) where nothing has settled, else as [`settle_from`](Self::settle_from).
@@ -211,6 +212,9 @@ impl ContactSettler {
             }
             let before = self.result.equilibrium.configuration.clone();
             self.equations.iterate.set(&before);
+        }
+        if self.scene().smoothing() > 0.0 {
+            return self.solve(command, loads, Start::Near);
         }
         self.solve(command, loads, Start::Before)?;
         self.equations.stick_bristles();
@@ -364,7 +368,7 @@ impl ContactSettler {
 
     /// The barrier of the solution (J).
     fn last_barrier(&self) -> f64 {
-        LAST_BARRIER * self.tolerance
+        f64::max(LAST_BARRIER * self.tolerance, self.scene().smoothing())
     }
 
     /// Solves against soft contacts, and against harder ones from there. Whether it is solved, and the number of steps.

@@ -84,6 +84,7 @@ fn read_scene(document: &Document, folder: Option<&Path>) -> Result<ImportedScen
             obstacles: Vec::new(),
             self_contact: SelfContact::Ignored,
             contact_law: ContactLaw::default(),
+            smoothing: 0.0,
         }));
     }
     let spec = model.spec()?;
@@ -226,6 +227,7 @@ impl<'a> Model<'a> {
                 false => SelfContact::Ignored,
             },
             contact_law: ContactLaw::default(),
+            smoothing: 0.0,
         })
     }
 

@@ -163,6 +163,24 @@ fn what_is_written_is_read_as_the_same() {
 }
 
 #[test]
+fn the_smoothing_of_contacts_is_read_and_written() {
+    assert_eq!(scene("").unwrap().smoothing(), 0.0);
+    let read = scene("smoothing = 1e-5\n[[obstacle]]\nhalf_space = {}").unwrap();
+    assert_eq!(read.with_obstacles(Vec::new()).unwrap().smoothing(), 1e-5);
+    let record = serde_json::to_string(&read).unwrap();
+    assert_eq!(serde_json::from_str::<Scene>(&record).unwrap(), read);
+    let written = read.to_toml().unwrap();
+    assert!(written.starts_with("smoothing = "), "{written}");
+    assert_eq!(scene(&written).unwrap(), read);
+    assert!(read != read.clone().with_smoothing(0.0).unwrap());
+    let refused = scene("smoothing = -1").unwrap_err().to_string();
+    assert!(
+        refused.contains("`smoothing` is -1; expected a number from 0 to 1 (J)"),
+        "{refused}"
+    );
+}
+
+#[test]
 fn the_law_of_contacts_is_read_and_written() {
     assert_eq!(scene("").unwrap().contact_law(), ContactLaw::default());
     let softer = Impedance {

@@ -9,3 +9,4 @@ mod paths;
 mod planar;
 mod random;
 mod scenes;
+mod smoothing;
