@@ -252,7 +252,7 @@ fn unknown_and_wrong_fields_are_named_with_their_obstacle() {
     assert!(
         other.starts_with("TOML parse error")
             && other.contains(
-                "unknown field `robot`, expected one of `self_contact`, `contact_law`, `obstacle`"
+                "unknown field `robot`, expected one of `self_contact`, `contact_law`, `smoothing`, `obstacle`"
             ),
         "{other}"
     );
