@@ -1,14 +1,14 @@
-"""Where the discs' rims and the tendons' holes of a robot are: what drawings need, read from the robot's file."""
+"""Where the discs' rims and the tendons' holes of a robot are: what drawings need, read from the fields of its file."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tdcr._arrays import Floats
-from tdcr.robot import Robot
 
 BASE = -1
 """Number of the base among the bodies; discs count from 0."""
@@ -34,9 +34,8 @@ class Geometry:
     routes: list[tuple[Any, Floats]]
 
     @classmethod
-    def of(cls, robot: Robot) -> Geometry:
-        """Reads them from the fields of a robot's file."""
-        fields = robot.to_dict()
+    def of(cls, fields: Mapping[str, Any]) -> Geometry:
+        """Reads them from the fields of a robot's file, as :meth:`tdcr.Robot.to_dict` has them."""
         base, modules = fields["base"], fields["modules"]
         module = np.repeat(np.arange(len(modules)), [m["discs"] for m in modules])
         orientation = np.array(base.get("orientation", [1.0, 0.0, 0.0, 0.0]))

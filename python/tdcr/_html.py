@@ -48,7 +48,7 @@ class Dots:
 
 def of_robot(robot: Robot) -> str:
     """A robot in the straight pose."""
-    geometry, straight = Geometry.of(robot), robot.straight_positions
+    geometry, straight = Geometry.of(robot.to_dict()), robot.straight_positions
     quaternions = np.tile(geometry.base_quaternion, (robot.discs, 1))
     circle = np.linspace(0.0, 2.0 * np.pi, 25)
     rim = np.stack([np.cos(circle), np.sin(circle), np.zeros_like(circle)], axis=1)

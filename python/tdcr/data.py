@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_array, as_count, as_float
 from tdcr._files import as_file, as_path, write_whole
+from tdcr._html import of_data
 from tdcr._results import Result, is_row, row_of, rows_of
 from tdcr.errors import InputError, MissingPackageError
 from tdcr.robot import Robot
@@ -273,8 +274,6 @@ class Dataset(Sequence[Sample]):
 
     def _repr_html_(self) -> str:
         """What a notebook shows: a cloud, and a table."""
-        from tdcr._html import of_data
-
         return of_data(self)
 
     def __repr__(self) -> str:

@@ -139,7 +139,7 @@ class _Body:
 
     @classmethod
     def of(cls, robot: Robot, scale: float) -> _Body:
-        geometry = Geometry.of(robot)
+        geometry = Geometry.of(robot.to_dict())
         circle = np.stack([np.cos(_RIM), np.sin(_RIM), np.zeros_like(_RIM)], axis=1)
         return cls(geometry, scale, geometry.radius[:, np.newaxis, np.newaxis] * circle)
 

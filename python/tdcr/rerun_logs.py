@@ -205,8 +205,8 @@ class _Log:
             raise InputError(f"what has {discs} discs and {tendons} tendons; the robot has {robot.discs} and {robot.tendons}")
         if len(of["positions"]) == 0:
             return
-        geometry = Geometry.of(robot)
-        modules = robot.to_dict()["modules"]
+        fields = robot.to_dict()
+        geometry, modules = Geometry.of(fields), fields["modules"]
         self.static("", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP)
         look = {
             "radii": geometry.radius,

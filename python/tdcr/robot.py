@@ -26,6 +26,7 @@ from tdcr._arrays import (
 )
 from tdcr._dictionary import as_json, in_its_words
 from tdcr._files import as_path, write_whole
+from tdcr._html import of_robot
 from tdcr.errors import InputError, RobotError
 from tdcr.scene import Scene, as_scene
 
@@ -258,8 +259,6 @@ class Robot:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the straight pose, and a table."""
-        from tdcr._html import of_robot
-
         return of_robot(self)
 
     def __repr__(self) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_float, as_quaternions, as_rows
+from tdcr._html import of_equilibrium
 from tdcr._results import Batch, Result, is_row, row_of, rows_of
 from tdcr.contact import Contacts
 from tdcr.errors import InputError, NotSettledError
@@ -78,8 +79,6 @@ class Equilibrium(Result):
 
     def _repr_html_(self) -> str:
         """What a notebook shows: where the discs are, and a table."""
-        from tdcr._html import of_equilibrium
-
         return of_equilibrium(self)
 
     def check(self) -> Equilibrium:
