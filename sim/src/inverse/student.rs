@@ -1,6 +1,9 @@
-//! Student's t distribution.
+//! Student's t distribution, and the normal one that it comes to.
 
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
+
+/// The `z` with `P(|Z| <= z) = 0.95` for the normal distribution.
+pub(super) const NORMAL: f64 = 1.959963984540054;
 
 /// The `t` with `P(|T| <= t) = level` for `freedom >= 1` degrees of freedom.
 pub(super) fn two_sided_quantile(level: f64, freedom: usize) -> f64 {
@@ -55,5 +58,7 @@ mod tests {
             let found = two_sided_quantile(level, freedom);
             assert!((found / expected - 1.0).abs() < 1e-9, "{freedom}: {found}");
         }
+        let nearly = two_sided_quantile(0.95, 1_000_000);
+        assert!((nearly / NORMAL - 1.0).abs() < 2e-6, "{nearly}");
     }
 }

@@ -13,8 +13,8 @@ pub struct Quantity {
     pub values: Values,
 }
 
-/// The values that a number can have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The values that a number can have, from all to the fewest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Values {
     /// Any: a position, an angle, a force.
     Any,

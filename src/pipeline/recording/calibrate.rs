@@ -11,6 +11,7 @@ use tdcr_sim::inverse::recording::{
 };
 use tdcr_sim::robot::{Robot, RobotSpec};
 
+use super::Columns;
 use super::calibrate_error::CalibrateError;
 use super::clouds::Source;
 use super::column_corrections::{Corrected, MovedFrame};
@@ -21,7 +22,6 @@ use super::reader::{Reader, own_columns, same};
 use super::repeat::repeatability;
 use super::rows::{BadRows, RecordingFile};
 use super::servos::FoundServos;
-use super::{Columns, RecordingFileError};
 use crate::pipeline::Monitor;
 
 /// What is fitted, and how.
@@ -146,10 +146,7 @@ pub fn calibrate(
     let mut notes = Vec::new();
     let failed = |source: RecordingError| match source {
         RecordingError::Interrupted => CalibrateError::Interrupted,
-        prior @ RecordingError::Prior { .. } => CalibrateError::File(RecordingFileError::Priors {
-            path: settings.priors.source.clone(),
-            reason: prior.to_string(),
-        }),
+        RecordingError::Prior(error) => CalibrateError::File(settings.priors.refused(&error)),
         source => CalibrateError::Recording {
             path: data.to_owned(),
             source,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use tdcr_base::files::{LARGEST_TEXT, Table, read_text, with_place, without_mark};
-use tdcr_sim::inverse::recording::{Prior, Priors};
+use tdcr_sim::inverse::{Prior, PriorError, Priors};
 
 use super::RecordingFileError;
 
@@ -39,6 +39,14 @@ impl GivenPriors {
     pub fn from_json(text: &str) -> Result<Self, RecordingFileError> {
         let read = serde_json::from_str(without_mark(text));
         Self::of(Path::new("priors"), read.map_err(|error| error.to_string()))
+    }
+
+    /// What is wrong with these priors, as a fit found.
+    pub fn refused(&self, error: &PriorError) -> RecordingFileError {
+        RecordingFileError::Priors {
+            path: self.source.clone(),
+            reason: error.to_string(),
+        }
     }
 
     fn of(source: &Path, read: Result<Priors, String>) -> Result<Self, RecordingFileError> {

@@ -130,15 +130,15 @@ pub fn calibrate(
 ) -> Result<Calibration, CalibrationError> {
     let (problem, start) = Problem::new(first, unknowns, observations)?;
     let limits = problem.limits();
-    let Fitted { x, mut at, steps } = best(&problem, &start, limits)?;
-    let state = state(&x, &at, limits);
+    let Fitted { x, mut at, steps } = best(&problem, &start, &limits)?;
+    let state = state(&x, &at, &limits);
     let values = problem.values(&x);
     let spec = problem.spec(&x)?;
     let scales: Vec<f64> = (unknowns.iter().zip(&values))
         .map(|(unknown, value)| unknown.scale(&spec, *value))
         .collect();
     problem.by_values(&x, &mut at.jacobian);
-    let stopped: Vec<bool> = (x.iter().zip(limits))
+    let stopped: Vec<bool> = (x.iter().zip(&limits))
         .map(|(x, limit)| limit.stops(*x))
         .collect();
     let identification = identify::identify(&values, &at, &stopped, &scales);

@@ -4,8 +4,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::{CalibrationError, Observation, Unknown};
-use crate::inverse::coordinate::Coordinate;
 use crate::inverse::least_squares::{Evaluation, Limit};
+use crate::inverse::sought::Sought;
 use crate::robot::{Parameter, ParameterError, Robot, RobotSpec};
 use crate::statics::{Equilibrium, Settler};
 
@@ -15,8 +15,7 @@ pub(super) struct Problem<'a> {
     pub unknowns: &'a [Unknown],
     pub observations: &'a [Observation],
     /// Of each unknown, in order.
-    pub coordinates: Vec<Coordinate>,
-    limits: Vec<Limit>,
+    sought: Vec<Sought>,
 }
 
 impl<'a> Problem<'a> {
@@ -30,43 +29,33 @@ impl<'a> Problem<'a> {
             first,
             unknowns,
             observations,
-            coordinates: Vec::new(),
-            limits: Vec::new(),
+            sought: Vec::new(),
         };
         let values = problem.check()?;
-        let mut start = Vec::with_capacity(values.len());
-        for (unknown, &value) in unknowns.iter().zip(&values) {
-            let coordinate = unknown.coordinate(value);
-            problem.limits.push(Limit {
-                range: unknown.bounds(value).map(|bound| coordinate.of(bound)),
-                // A size moves by about its own in one step.
-                reach: match coordinate {
-                    Coordinate::Size { .. } => 1.0,
-                    _ => f64::INFINITY,
-                },
-            });
-            start.push(coordinate.of(value));
-            problem.coordinates.push(coordinate);
-        }
-        Ok((problem, DVector::from_vec(start)))
+        let seek = |(unknown, &value): (&Unknown, &f64)| unknown.sought(value);
+        problem.sought = unknowns.iter().zip(&values).map(seek).collect();
+        let starts = problem.sought.iter();
+        let starts = starts.map(|sought| sought.coordinate.of(sought.first));
+        let start = DVector::from_vec(starts.collect());
+        Ok((problem, start))
     }
 
     /// The unknowns' values at `x`.
     pub fn values(&self, x: &DVector<f64>) -> Vec<f64> {
-        let pairs = self.coordinates.iter().zip(x);
-        pairs.map(|(coordinate, &u)| coordinate.value(u)).collect()
+        let pairs = self.sought.iter().zip(x);
+        pairs.map(|(sought, &u)| sought.value(u)).collect()
     }
 
     /// How far each unknown's coordinate may go.
-    pub fn limits(&self) -> &[Limit] {
-        &self.limits
+    pub fn limits(&self) -> Vec<Limit> {
+        self.sought.iter().map(Sought::limit).collect()
     }
 
     /// Takes derivatives by coordinates at `x` to those by the values.
     pub fn by_values(&self, x: &DVector<f64>, jacobian: &mut DMatrix<f64>) {
-        let coordinates = self.coordinates.iter().zip(x);
-        for (mut column, (coordinate, &u)) in jacobian.column_iter_mut().zip(coordinates) {
-            column /= coordinate.slope(u);
+        let pairs = self.sought.iter().zip(x);
+        for (mut column, (sought, &u)) in jacobian.column_iter_mut().zip(pairs) {
+            column /= sought.coordinate.slope(u);
         }
     }
 
@@ -178,7 +167,7 @@ impl<'a> Problem<'a> {
             row += rows;
         }
         for (mut column, &i) in jacobian.column_iter_mut().zip(free) {
-            column *= self.coordinates[i].slope(x[i]);
+            column *= self.sought[i].coordinate.slope(x[i]);
         }
         Ok(Evaluation {
             residuals,

@@ -1,9 +1,11 @@
 //! What is to be found.
 
 use crate::inverse::coordinate::Coordinate;
+use crate::inverse::least_squares::Limit;
+use crate::inverse::sought::Sought;
 use crate::robot::{Parameter, ParameterError, RobotSpec, Values};
 
-/// Bounds of what must be above zero, relative to its first value.
+/// Within what a number above zero is sought, relative to its first value.
 const WIDEST: [f64; 2] = [1e-6, 1e6];
 
 /// A number to be found: one value that one or several parameters share.
@@ -71,26 +73,38 @@ impl Unknown {
         }
     }
 
-    /// The coordinate in which it is sought, for a first value: sizes relative to it, the place of a hole as it is.
-    pub(super) fn coordinate(&self, first: f64) -> Coordinate {
-        let mut values = self.parameters.iter().map(|p| p.kind().quantity.values);
-        match values.any(|values| values == Values::Any) || first <= 0.0 {
+    /// How it is sought from a first value: sizes relative to it, the place of a hole as it is.
+    pub(super) fn sought(&self, first: f64) -> Sought {
+        let kinds = self.parameters.iter().map(|p| p.kind().quantity.values);
+        let free = first <= 0.0 || kinds.clone().any(|values| values == Values::Any);
+        let coordinate = match free {
             true => Coordinate::SAME,
             false => Coordinate::Size { first },
-        }
-    }
-
-    /// Smallest and largest value considered, from a first one.
-    pub(super) fn bounds(&self, first: f64) -> [f64; 2] {
-        let [least, most] = WIDEST.map(|share| share * first);
-        let bounds = |parameter: &Parameter| match parameter.kind().quantity.values {
-            Values::Any => [f64::NEG_INFINITY, f64::INFINITY],
-            Values::NotNegative => [0.0, if first > 0.0 { most } else { f64::INFINITY }],
-            Values::Positive => [least, most],
         };
-        let all = self.parameters.iter().map(bounds);
-        all.fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], [l, h]| {
-            [low.max(l), high.min(h)]
-        })
+        // Of kinds that share a value, the one that can have the fewest.
+        let values = kinds.max().unwrap_or(Values::Any);
+        let [least, most] = WIDEST.map(|share| coordinate.of(share * first));
+        let endless = [f64::NEG_INFINITY, f64::INFINITY];
+        Sought {
+            name: self.name.clone(),
+            group: None,
+            unit: self.unit(),
+            values,
+            first,
+            coordinate,
+            widest: Limit {
+                range: match values {
+                    Values::NotNegative if first > 0.0 => [f64::NEG_INFINITY, most],
+                    Values::Positive => [least, most],
+                    Values::Any | Values::NotNegative => endless,
+                },
+                // A size moves by about its own in one step.
+                reach: match coordinate {
+                    Coordinate::Size { .. } => 1.0,
+                    _ => f64::INFINITY,
+                },
+            },
+            bounds: [values.least(), f64::INFINITY],
+        }
     }
 }

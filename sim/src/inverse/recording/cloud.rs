@@ -349,7 +349,7 @@ mod tests {
             // A point may change from one face to the next within the step, where its distance has a kink.
             let far = 1e-2 * slope.amax().max(1e-6);
             let beyond = error.iter().filter(|error| error.abs() > far).count();
-            assert!(beyond <= 2, "{}: {}", unknowns[i].name, error.amax());
+            assert!(beyond <= 2, "{}: {}", unknowns[i].sought.name, error.amax());
         }
     }
 

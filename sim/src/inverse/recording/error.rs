@@ -3,6 +3,7 @@
 use thiserror::Error;
 
 use super::Group;
+use crate::inverse::PriorError;
 use crate::robot::SpecError;
 
 /// Why a robot could not be calibrated on a recording.
@@ -49,13 +50,8 @@ pub enum RecordingError {
         reason: &'static str,
     },
     /// A prior of no unknown, or one that its unknown cannot have.
-    #[error("{key}: {reason}")]
-    Prior {
-        /// The name of its entry, and the field.
-        key: String,
-        /// What is wrong with it.
-        reason: String,
-    },
+    #[error(transparent)]
+    Prior(#[from] PriorError),
     /// Fewer measured coordinates than unknowns.
     #[error(
         "{coordinates} measured coordinates cannot tell {unknowns} unknowns; expected more of them than unknowns"

@@ -10,10 +10,10 @@ use super::explicit::Explicit;
 use super::facts::{Facts, length};
 use super::interval::{Correlation, FittedUnknown, correlations, fitted};
 use super::path::has_friction;
-use super::priors::Priors;
 use super::problem::{Memory, Problem, Weighing};
-use super::unknowns::unknowns;
+use super::unknowns::{believe, unknowns};
 use super::{Group, Order, Recording, RecordingError, Replay, Residuals, Transmission, check};
+use crate::inverse::Priors;
 use crate::inverse::least_squares::{Evaluation, minimise};
 use crate::robot::{Robot, RobotSpec};
 use crate::tendon_friction::Tangents;
@@ -147,7 +147,7 @@ pub fn fit_recording(
         recording,
     };
     let mut unknowns = unknowns(&facts)?;
-    settings.priors.apply(&mut unknowns, &facts)?;
+    believe(&settings.priors, &mut unknowns, &facts)?;
     let coordinates = recording.coordinates();
     if coordinates <= unknowns.len() {
         return Err(RecordingError::TooFew {
@@ -197,7 +197,7 @@ pub fn fit_recording(
         let x = DVector::from_iterator(
             unknowns.len(),
             unknowns.iter().map(|unknown| {
-                let [low, high] = unknown.range();
+                let [low, high] = unknown.sought.limit().range;
                 let away = if start == 0 {
                     0.0
                 } else {

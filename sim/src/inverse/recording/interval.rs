@@ -1,20 +1,17 @@
 //! What a fit says of each unknown, and what it cannot tell apart.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
 use super::Group;
 use super::unknowns::Unknown;
-use nalgebra::DVector;
+use crate::inverse::priors::LITTLE;
+use crate::inverse::student::NORMAL;
 
 /// Correlations from here on are told.
 const TOLD: f64 = 0.9;
 /// Largest number of correlations that are told.
 const MOST: usize = 20;
-/// Standard deviations of the 95 % interval: the normal distribution's quantile.
-const WIDTH: f64 = 1.959963984540054;
-/// Where this share of a prior's spread is left, the recording says little of the unknown.
-const LITTLE: f64 = 0.7;
 
 /// What was found of an unknown.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -57,13 +54,14 @@ pub(super) fn fitted(
 ) -> Vec<FittedUnknown> {
     let one = |(i, unknown): (usize, &Unknown)| {
         let deviation = covariance[(i, i)].max(0.0).sqrt();
-        let [low, high] = unknown.range();
-        let end = |sign: f64| unknown.value((x[i] + sign * WIDTH * deviation).clamp(low, high));
+        let sought = &unknown.sought;
+        let [low, high] = sought.limit().range;
+        let end = |sign: f64| sought.value((x[i] + sign * NORMAL * deviation).clamp(low, high));
         FittedUnknown {
-            name: unknown.name.clone(),
+            name: sought.name.clone(),
             group: unknown.group(),
-            unit: unknown.unit,
-            value: unknown.value(x[i]),
+            unit: sought.unit,
+            value: sought.value(x[i]),
             interval: [end(-1.0), end(1.0)],
             prior_only: deviation > LITTLE,
         }
@@ -77,7 +75,7 @@ pub(super) fn correlations(unknowns: &[Unknown], covariance: &DMatrix<f64>) -> V
         for j in 0..i {
             let correlation = covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt();
             if correlation.abs() >= TOLD {
-                let names = [j, i].map(|k| unknowns[k].name.clone());
+                let names = [j, i].map(|k| unknowns[k].sought.name.clone());
                 all.push(Correlation { names, correlation });
             }
         }

@@ -16,8 +16,6 @@ use crate::statics::{Equilibrium, Settler};
 
 /// Step of a coordinate over which the model is taken as linear, in standard deviations of its prior.
 const STEP: f64 = 1e-4;
-/// Largest step of a coordinate in one iteration, in the same unit.
-const REACH: f64 = 3.0;
 
 /// What is to be explained, by which unknowns.
 ///
@@ -112,11 +110,8 @@ impl<'a> Problem<'a> {
     }
 
     pub fn limits(&self) -> Vec<Limit> {
-        let limit = |unknown: &Unknown| Limit {
-            range: unknown.range(),
-            reach: REACH,
-        };
-        self.unknowns.iter().map(limit).collect()
+        let limits = self.unknowns.iter().map(|unknown| unknown.sought.limit());
+        limits.collect()
     }
 
     /// Weighted residuals (m) of the measured coordinates, then one row for each prior, with their Jacobian by the

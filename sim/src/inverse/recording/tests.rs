@@ -209,7 +209,7 @@ fn largest_difference(
         let scale = slope.amax().max(1e-6);
         let difference = (slope - here.jacobian.column(i)).amax() / scale;
         if difference > largest.0 {
-            largest = (difference, unknowns[i].name.clone());
+            largest = (difference, unknowns[i].sought.name.clone());
         }
     }
     largest

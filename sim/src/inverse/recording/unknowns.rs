@@ -6,22 +6,24 @@ use super::places::At;
 use super::table::{Row, TABLE};
 use super::{Group, RecordingError};
 use crate::inverse::coordinate::Coordinate;
+use crate::inverse::least_squares::Limit;
+use crate::inverse::priors::{PriorError, Priors};
+use crate::inverse::sought::Sought;
 use crate::robot::Values;
 
 /// An unknown, and what is known of it before: in its coordinate `x` it has a normal distribution of mean 0 and standard deviation
 /// 1. Numbers above 0 are sought by their logarithm.
 pub(super) struct Unknown {
-    pub name: String,
-    pub unit: &'static str,
+    pub sought: Sought,
     pub row: &'static Row,
     at: At,
-    coordinate: Coordinate,
-    /// Smallest and largest value.
-    bounds: [f64; 2],
 }
 
-/// Coordinates are sought within so many standard deviations.
-const WIDEST: f64 = 20.0;
+/// Coordinates are sought within so many standard deviations of their priors, in steps of at most so many.
+const WIDEST: Limit = Limit {
+    range: [-20.0, 20.0],
+    reach: 3.0,
+};
 
 /// The unknowns of a fit.
 ///
@@ -44,57 +46,64 @@ pub(super) fn unknowns(facts: &Facts) -> Result<Vec<Unknown>, RecordingError> {
     Ok(all)
 }
 
+/// Gives the unknowns the priors and bounds of a user; what those do not say is as in the table.
+///
+/// # Errors
+/// [`PriorError`] for an entry that is of none of them, or that its unknown cannot have.
+pub(super) fn believe(
+    priors: &Priors,
+    unknowns: &mut [Unknown],
+    facts: &Facts,
+) -> Result<(), PriorError> {
+    let all: Vec<&Sought> = unknowns.iter().map(|unknown| &unknown.sought).collect();
+    priors.check_names(&all)?;
+    for Unknown { sought, row, at } in unknowns {
+        let given = priors.of(sought)?;
+        (sought.first, sought.coordinate) = prior(row, *at, facts, given.value, given.spread);
+        given.confine(sought)?;
+    }
+    Ok(())
+}
+
+/// Where an unknown starts and is sought by the prior of the table, with another mean or standard deviation where one is given.
+fn prior(
+    row: &Row,
+    at: At,
+    facts: &Facts,
+    mean: Option<f64>,
+    spread: Option<f64>,
+) -> (f64, Coordinate) {
+    let values = row.quantity.values;
+    let spread = spread.unwrap_or_else(|| facts.spread(row.spread, at));
+    let first = mean.unwrap_or_else(|| {
+        let first = (row.first)(facts, at);
+        match values {
+            Values::NotNegative => first.max(0.5 * spread),
+            Values::Any | Values::Positive => first,
+        }
+    });
+    let coordinate = match values {
+        Values::Positive => Coordinate::Logarithmic { first, spread },
+        Values::Any | Values::NotNegative => Coordinate::Linear { first, spread },
+    };
+    (first, coordinate)
+}
+
 impl Unknown {
     fn new(row: &'static Row, at: At, facts: &Facts) -> Self {
         let values = row.quantity.values;
-        let mut unknown = Self {
+        let (first, coordinate) = prior(row, at, facts, None, None);
+        let sought = Sought {
             name: row.name(at),
+            group: Some(row.group.name()),
             unit: facts.unit(row.quantity.unit, row.spread, at),
-            row,
-            at,
-            coordinate: Coordinate::SAME,
-            bounds: match values {
-                // A logarithm keeps to its side of 0 by itself.
-                Values::Positive => [f64::NEG_INFINITY, f64::INFINITY],
-                Values::Any | Values::NotNegative => [values.least(), f64::INFINITY],
-            },
+            values,
+            first,
+            coordinate,
+            widest: WIDEST,
+            bounds: [values.least(), f64::INFINITY],
         };
-        unknown.believe(facts, None, None);
-        unknown
-    }
-
-    /// Gives it the prior of the table, with another mean or standard deviation where one is given.
-    pub fn believe(&mut self, facts: &Facts, mean: Option<f64>, spread: Option<f64>) {
-        let (row, at) = (self.row, self.at);
-        let spread = spread.unwrap_or_else(|| facts.spread(row.spread, at));
-        let first = mean.unwrap_or_else(|| {
-            let first = (row.first)(facts, at);
-            match row.quantity.values {
-                Values::NotNegative => first.max(0.5 * spread),
-                Values::Any | Values::Positive => first,
-            }
-        });
-        self.coordinate = match row.quantity.values {
-            Values::Positive => Coordinate::Logarithmic { first, spread },
-            Values::Any | Values::NotNegative => Coordinate::Linear { first, spread },
-        };
-    }
-
-    /// Keeps it within bounds.
-    pub fn confine(&mut self, bounds: [f64; 2]) {
-        self.bounds = bounds;
-    }
-
-    /// The value at a coordinate.
-    pub fn value(&self, x: f64) -> f64 {
-        let [low, high] = self.bounds;
-        self.coordinate.value(x).max(low).min(high)
-    }
-
-    /// Smallest and largest coordinate.
-    pub fn range(&self) -> [f64; 2] {
-        let [low, high] = self.bounds.map(|value| self.coordinate.of(value));
-        [low.max(-WIDEST), high.min(WIDEST)]
+        Self { sought, row, at }
     }
 
     /// Whether it changes the robot, and not only what lies between it and the recording.
@@ -108,6 +117,6 @@ impl Unknown {
 
     /// Gives the robot, or the transmission, this unknown's value at `x`.
     pub fn set(&self, x: f64, numbers: &mut Numbers) {
-        (self.row.set)(numbers, self.at, self.value(x));
+        (self.row.set)(numbers, self.at, self.sought.value(x));
     }
 }
