@@ -6,12 +6,12 @@ use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use tdcr::pages::CalibrationPage;
 use tdcr::pipeline::recording::{
-    BadRows, CalibrateError, CalibrateSettings, Calibration, Columns, Compared, Fitted,
-    GivenPriors, calibrate,
+    BadRows, CalibrateError, CalibrateSettings, Calibration, Columns, Compared, Fitted, calibrate,
 };
 
 use crate::arrays::array;
 use crate::errors::{Failure, Outcome};
+use crate::options::{TableArgument, priors};
 use crate::robot::Robot;
 use crate::run;
 use crate::stage::Stage;
@@ -48,11 +48,7 @@ impl Options {
         };
         Ok(CalibrateSettings {
             fitted,
-            priors: match &self.priors {
-                Some(TableArgument::File(path)) => GivenPriors::load(path)?,
-                Some(TableArgument::Json((text,))) => GivenPriors::from_json(text)?,
-                None => GivenPriors::default(),
-            },
+            priors: priors(self.priors.as_ref())?,
             loss: self.loss,
             starts: self.starts,
             seed: self.seed,
@@ -171,13 +167,6 @@ pub fn calibrate_recording(
         notes: calibration.notes,
         robot: Py::new(py, Robot::new(calibration.spec)?)?,
     })
-}
-
-/// A column map or priors: the file, or JSON text.
-#[derive(FromPyObject)]
-pub enum TableArgument {
-    Json((String,)),
-    File(PathBuf),
 }
 
 impl From<CalibrateError> for Failure {

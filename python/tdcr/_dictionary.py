@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tdcr._files import as_path
 from tdcr.errors import InputError
 
 _PLACE = re.compile(r" at line 1 column (\d+)")
@@ -40,6 +41,18 @@ def as_json(fields: Mapping[str, Any], what: str, error: type[InputError] = Inpu
         InputError: Or ``error``, for values that no file can hold; the message has their keys.
     """
     return json.dumps(_plain(dict(fields), "", what, error))
+
+
+def as_table(given: str | os.PathLike[str] | Mapping[str, Any] | None, what: str) -> tuple[str, tuple[str] | str | None]:
+    """JSON text of a dictionary, and what the native module takes of it, of a file or of none.
+
+    Raises:
+        InputError: As :func:`as_json`, or for what is no path.
+    """
+    if isinstance(given, Mapping):
+        text = as_json(given, what)
+        return text, (text,)
+    return "", None if given is None else as_path(given, what)
 
 
 def _plain(value: Any, path: str, what: str, error: type[InputError]) -> Any:

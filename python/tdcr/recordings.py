@@ -13,7 +13,7 @@ from typing import Any
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_count, as_flag, as_texts, maybe_number
-from tdcr._dictionary import as_json, in_its_words
+from tdcr._dictionary import as_table, in_its_words
 from tdcr._files import as_file, as_path, write_whole
 from tdcr._results import Result
 from tdcr.data import PathLike
@@ -126,8 +126,8 @@ def calibrate_recording(
             too little.
     """
     robot = as_robot(robot)
-    text, chosen = _table(columns, "columns")
-    believed, known = _table(priors, "priors")
+    text, chosen = as_table(columns, "columns")
+    believed, known = as_table(priors, "priors")
     options = {
         "fit": None if fit is None else as_texts(fit, "fit"),
         "loss": maybe_number(loss, "loss"),
@@ -154,14 +154,6 @@ def calibrate_recording(
         validation=None if native.validation is None else _replayed(native.validation),
         _columns_text=native.columns,
     )
-
-
-def _table(given: PathLike | Mapping[str, Any] | None, what: str) -> tuple[str, tuple[str] | str | None]:
-    """JSON text of a dictionary, and what the native module takes of it, of a file or of none."""
-    if isinstance(given, Mapping):
-        text = as_json(given, what)
-        return text, (text,)
-    return "", None if given is None else as_path(given, what)
 
 
 def _replayed(native: _tdcr.ReplayedRecording) -> Replayed:
