@@ -12,7 +12,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use tdcr::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
-use tdcr::sim::inverse::calibration::{Calibration, Finding, Observation, Unknown, calibrate};
+use tdcr::sim::inverse::calibration::{
+    Calibration, CalibrationSettings, Finding, Observation, Unknown, calibrate,
+};
 use tdcr::sim::robot::{
     Axis, Backbone, Body, Command, Loads, Parameter, PerDisc, Robot, RobotSpec,
 };
@@ -39,11 +41,12 @@ pub fn run(path: &Path) -> Result<()> {
         real = unknown.set(&real, truth)?;
     }
     println!("100 commands, payloads up to 30 g, discs 4 and 9 measured with errors of 0.5 mm:");
-    let found = calibrate(&nominal, &unknowns, &measure(&real, 0.03)?)?;
+    let settings = CalibrationSettings::default();
+    let found = calibrate(&nominal, &unknowns, &measure(&real, 0.03)?, &settings)?;
     print_findings(&unknowns, &found);
 
     println!("the same without payloads:");
-    let unloaded = calibrate(&nominal, &unknowns, &measure(&real, 0.0)?)?;
+    let unloaded = calibrate(&nominal, &unknowns, &measure(&real, 0.0)?, &settings)?;
     print_findings(&unknowns, &unloaded);
 
     let errors = [&nominal, &found.spec].map(|spec| tip_errors(spec, &real));

@@ -4,7 +4,9 @@ use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray3};
 use pyo3::prelude::*;
 use tdcr::sim::geometry::Beads;
-use tdcr::sim::inverse::calibration::{self, Finding, FitState, Observation, Unknown};
+use tdcr::sim::inverse::calibration::{
+    self, CalibrationError, CalibrationSettings, Finding, FitState, Observation, Unknown,
+};
 use tdcr::sim::inverse::shape::{
     self, Arrival, Bound as End, ContactGoals, Goal, Outcome as Ending, PathPoint, Press, Search,
     ShapeSolution, Target,
@@ -14,6 +16,7 @@ use crate::arrays::{array, contiguous};
 use crate::contact::{ContactRows, Touched, arrays};
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
+use crate::options::{self, TableArgument};
 use crate::robot::{Robot, parameters};
 use crate::run;
 use crate::scene::Scene;
@@ -252,8 +255,9 @@ impl ShapePath {
     }
 }
 
-/// What was found of an unknown: kind, value, standard error, interval, the others that it is confounded with.
-type FindingTuple = (&'static str, f64, f64, [f64; 2], Vec<usize>);
+/// What was found of an unknown: kind, value, standard error, interval, the others that it is confounded with, whether the
+/// measurements say little of it beside its prior.
+type FindingTuple = (&'static str, f64, f64, [f64; 2], Vec<usize>, bool);
 
 /// A calibrated robot.
 #[pyclass(frozen, get_all, module = "tdcr._tdcr")]
@@ -270,14 +274,23 @@ pub struct Calibration {
 }
 
 /// Fits unknowns of one robot to positions of discs, shape (rows, measured discs, 3); those that are not numbers were not measured.
+/// `priors` is the file or the JSON text of what is known of the unknowns, `error` (m) how large errors of measurement are.
 #[pyfunction]
+#[pyo3(signature = (unknowns, rows, discs, positions, priors=None, error=None))]
 pub fn calibrate(
     py: Python<'_>,
     unknowns: Vec<(String, Vec<String>)>,
     rows: RowsArgument<'_>,
     discs: Vec<usize>,
     positions: PyReadonlyArray3<'_, f64>,
+    priors: Option<TableArgument>,
+    error: Option<f64>,
 ) -> Outcome<Calibration> {
+    let given = options::priors(priors.as_ref())?;
+    let settings = CalibrationSettings {
+        priors: given.priors.clone(),
+        error,
+    };
     let rows = Batch::new(&rows)?;
     let spec = rows.one_robot()?.spec().clone();
     let unknowns: Vec<Unknown> = (unknowns.iter())
@@ -298,23 +311,33 @@ pub fn calibrate(
     };
     let observations: Vec<Observation> = (0..rows.rows()).map(observation).collect();
     let fit = run::long(py, None, |_| {
-        calibration::calibrate(&spec, &unknowns, &observations)
-    })??;
-    let nan = f64::NAN;
+        calibration::calibrate(&spec, &unknowns, &observations, &settings)
+    })?;
+    let fit = fit.map_err(|error| match error {
+        CalibrationError::Prior(error) => given.refused(&error).into(),
+        other => Failure::from(other),
+    })?;
+    let (nan, none) = (f64::NAN, Vec::new);
     let finding = |finding: &Finding| match finding {
         Finding::Identified(e) => (
             "identified",
             e.value,
             e.standard_error,
             e.interval,
-            Vec::new(),
+            none(),
+            e.prior_only,
         ),
-        Finding::Confounded { with } => ("confounded", nan, nan, [nan; 2], with.clone()),
-        Finding::Undetermined { standard_error } => {
-            ("undetermined", nan, *standard_error, [nan; 2], Vec::new())
-        }
-        Finding::NoEffect => ("no effect", nan, nan, [nan; 2], Vec::new()),
-        Finding::AtBound(value) => ("at bound", *value, nan, [nan; 2], Vec::new()),
+        Finding::Confounded { with } => ("confounded", nan, nan, [nan; 2], with.clone(), false),
+        Finding::Undetermined { standard_error } => (
+            "undetermined",
+            nan,
+            *standard_error,
+            [nan; 2],
+            none(),
+            false,
+        ),
+        Finding::NoEffect => ("no effect", nan, nan, [nan; 2], none(), false),
+        Finding::AtBound(value) => ("at bound", *value, nan, [nan; 2], none(), false),
     };
     let found = &fit.identification;
     let count = found.findings.len();

@@ -108,7 +108,7 @@ _Progress = Callable[[int], object] | None
 _Profile = tuple[_Floats, _Floats, _Floats, _Floats, list[str]]
 _Account = tuple[float, float, float, float, int, int]
 _Target = tuple[int, str, list[float], float, float]
-_Finding = tuple[str, float, float, tuple[float, float], list[int]]
+_Finding = tuple[str, float, float, tuple[float, float], list[int], bool]
 _Reading = tuple[int, tuple[int, float, float, float] | None, str | None]
 _Cloud = tuple[NDArray[np.float32], NDArray[np.uint8]]
 
@@ -467,6 +467,8 @@ def calibrate(
     rows: _Rows,
     discs: list[int],
     positions: _Floats,
+    priors: str | tuple[str] | None = None,
+    error: float | None = None,
 ) -> Calibration: ...
 
 @final

@@ -7,9 +7,23 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_count, as_float, as_floats, as_list, as_number, as_place, as_several, as_text, as_texts
+from tdcr._arrays import (
+    Floats,
+    as_count,
+    as_float,
+    as_floats,
+    as_list,
+    as_number,
+    as_place,
+    as_several,
+    as_text,
+    as_texts,
+    maybe_number,
+)
+from tdcr._dictionary import as_table, in_its_words
 from tdcr._results import Result
 from tdcr.contact import Contacts
+from tdcr.data import PathLike
 from tdcr.errors import InputError
 from tdcr.loads import Loads, one_load
 from tdcr.robot import Robot, RobotLike, as_robot
@@ -244,11 +258,12 @@ class Finding:
     Attributes:
         name: Of the unknown.
         kind: ``"identified"``; ``"confounded"`` with others; ``"undetermined"``, lost in the errors of measurement; ``"no
-            effect"``; ``"at bound"`` of what a robot can have.
+            effect"``; ``"at bound"`` of what a robot can have, or of the bounds given.
         value: Its value, if it was found.
         standard_error: Of the value.
         interval: 95 % confidence interval.
         confounded_with: Names of the others.
+        prior_only: Whether it is identified by its prior, of whose spread the measurements leave 70 % or more.
     """
 
     name: str
@@ -257,6 +272,7 @@ class Finding:
     standard_error: float
     interval: tuple[float, float]
     confounded_with: tuple[str, ...]
+    prior_only: bool = False
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -267,8 +283,8 @@ class Calibration(Result):
         robot: The robot with the values found.
         findings: Of each unknown, in order.
         correlations: Of the estimates' errors, shape (unknowns, unknowns).
-        noise: Standard deviation of the errors of measurement (m).
-        degrees_of_freedom: Measured coordinates less directions fitted.
+        noise: Standard deviation of the errors of measurement (m), as the residuals say.
+        degrees_of_freedom: Measured coordinates and priors with a spread, less directions fitted.
         condition: Of the Jacobian with columns of length 1; from about 30 on, unknowns blur each other.
         state: ``"converged"``, ``"at bound"`` or ``"halted"``.
         residual_rms: Root mean square of the residuals (m).
@@ -296,8 +312,12 @@ def calibrate(
     payload: Any = None,
     wrench: Any = None,
     loads: Loads | Sequence[Loads] | None = None,
+    priors: PathLike | Mapping[str, Mapping[str, Any]] | None = None,
+    error: float | None = None,
 ) -> Calibration:
     """Finds the values of unknowns that explain measured positions best, by least squares.
+
+    The guide is :doc:`/sim-to-real`.
 
     Args:
         robot: The robot with first values.
@@ -307,9 +327,15 @@ def calibrate(
         positions: Measured origins of discs, shape (rows, measured discs, 3), world frame (m); NaN where not measured.
         discs: Which discs were measured; the last one, or all, where that is clear from the shape.
         payload, wrench, loads: As of :func:`tdcr.settle_batch`.
+        priors: What is known of unknowns before the fit, by their names: a TOML file, or a dictionary from the name to ``spread``
+            (standard deviation of a normal prior), ``value`` (its mean, and where the fit starts; as the robot has it where not
+            given), ``bounds`` (lowest and highest value) and ``unit`` (which is compared), all in the unknown's unit.
+        error: Standard deviation of the errors of a measured coordinate (m), which spreads are weighed against; where not given,
+            and no prior has a spread, it is found from the residuals.
 
     Raises:
-        InputError: For measurements that do not fit, or a robot that does not settle with its first values.
+        InputError: For measurements that do not fit, a robot that does not settle with its first values, priors of nothing that
+            is sought, and a spread without ``error``.
         ParameterError: For a parameter that the robot does not have.
     """
     robot = as_robot(robot)
@@ -329,15 +355,13 @@ def calibrate(
         raise InputError(f"positions has shape {measured.shape}; expected {(len(rows.commands), len(discs), 3)}")
     chosen = [as_place(disc, "disc", robot.discs) for disc in discs]
     names = list(groups)
-    fit = _tdcr.calibrate(
-        list(groups.items()),
-        rows.argument(),
-        chosen,
-        measured,
-    )
+    text, believed = as_table(priors, "priors")
+    size = maybe_number(error, "error")
+    with in_its_words(text, "priors: "):
+        fit = _tdcr.calibrate(list(groups.items()), rows.argument(), chosen, measured, believed, size)
     findings = tuple(
-        Finding(name, kind, value, error, (low, high), tuple(names[k] for k in others))
-        for name, (kind, value, error, (low, high), others) in zip(names, fit.findings, strict=True)
+        Finding(name, kind, value, deviation, (low, high), tuple(names[k] for k in others), prior_only)
+        for name, (kind, value, deviation, (low, high), others, prior_only) in zip(names, fit.findings, strict=True)
     )
     return Calibration(
         Robot._of(fit.robot),

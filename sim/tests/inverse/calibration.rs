@@ -5,11 +5,13 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use tdcr_sim::inverse::calibration::{
-    Calibration, CalibrationError, Estimate, Finding, Observation, Unknown, calibrate,
+    Calibration, CalibrationError, Estimate, Finding, Observation, Unknown,
 };
 use tdcr_sim::robot::{
     Axis, Backbone, Body, Drive, Loads, MassSpec, Parameter, PerDisc, Robot, RobotSpec,
 };
+
+use super::fit;
 
 /// Observations of a robot under random commands and random payloads of up to `payload` kg.
 struct Campaign {
@@ -125,7 +127,7 @@ fn exact_positions_give_exact_values() {
         payload: 0.03,
         noise: 0.0,
     };
-    let found = calibrate(&nominal, &unknowns, &campaign.observe(&real, 81)).unwrap();
+    let found = fit(&nominal, &unknowns, &campaign.observe(&real, 81)).unwrap();
     for (estimate, truth) in estimates(&found).iter().zip(truth) {
         assert!(
             (estimate.value / truth - 1.0).abs() < 1e-6,
@@ -151,7 +153,7 @@ fn single_holes_and_gains_are_recovered() {
         payload: 0.03,
         noise: 0.0,
     };
-    let found = calibrate(&nominal, &unknowns, &campaign.observe(&real, 82)).unwrap();
+    let found = fit(&nominal, &unknowns, &campaign.observe(&real, 82)).unwrap();
     for (estimate, truth) in estimates(&found).iter().zip([0.0113, 620.0]) {
         assert!(
             (estimate.value / truth - 1.0).abs() < 1e-6,
@@ -191,7 +193,7 @@ fn intervals_hold_the_truth_as_often_as_they_say() {
     let mut outside = 0;
     let mut squares = [0.0; 4];
     for seed in 0..50 {
-        let found = calibrate(&nominal, &unknowns, &campaign.observe(&real, 1000 + seed)).unwrap();
+        let found = fit(&nominal, &unknowns, &campaign.observe(&real, 1000 + seed)).unwrap();
         assert!((found.identification.noise / 5e-4 - 1.0).abs() < 0.3);
         for (i, estimate) in estimates(&found).iter().enumerate() {
             let [low, high] = estimate.interval;
@@ -228,7 +230,7 @@ fn what_cannot_be_told_apart_is_named() {
             payload: 0.0,
             noise,
         };
-        let found = calibrate(&nominal, &unknowns, &bare.observe(&real, 83)).unwrap();
+        let found = fit(&nominal, &unknowns, &bare.observe(&real, 83)).unwrap();
         let findings = &found.identification.findings;
         assert_eq!(findings[0], Finding::Confounded { with: vec![2] });
         assert_eq!(findings[2], Finding::Confounded { with: vec![0] });
@@ -243,7 +245,7 @@ fn what_cannot_be_told_apart_is_named() {
             payload: 0.03,
             ..bare
         };
-        let found = calibrate(&nominal, &unknowns, &loaded.observe(&real, 83)).unwrap();
+        let found = fit(&nominal, &unknowns, &loaded.observe(&real, 83)).unwrap();
         for (estimate, truth) in estimates(&found).iter().zip([430.0, 0.013, 30.0]) {
             let error = (estimate.value - truth).abs();
             assert!(
@@ -265,7 +267,7 @@ fn what_was_not_seen_is_said_to_have_no_effect() {
         payload: 0.0,
         noise: 5e-4,
     };
-    let found = calibrate(&nominal, &unknowns, &campaign.observe(&nominal, 84)).unwrap();
+    let found = fit(&nominal, &unknowns, &campaign.observe(&nominal, 84)).unwrap();
     assert!(matches!(
         found.identification.findings[0],
         Finding::Identified(_)
@@ -287,7 +289,7 @@ fn what_is_lost_in_the_noise_is_said_to_be_undetermined() {
     let (mut undetermined, mut identified) = (0, 0);
     for seed in 0..20 {
         let observations = campaign.observe(&nominal, 200 + seed);
-        let found = calibrate(&nominal, &unknowns, &observations).unwrap();
+        let found = fit(&nominal, &unknowns, &observations).unwrap();
         match found.identification.findings[0] {
             Finding::Undetermined { standard_error } => {
                 assert!(standard_error > 25.0);
@@ -325,7 +327,7 @@ fn a_fit_at_the_bound_says_so() {
             .unwrap();
         observation.positions[0].1 = robot.settle(&observation.command, &lifted).positions[3];
     }
-    let found = calibrate(&nominal, &[density(&nominal)], &observations).unwrap();
+    let found = fit(&nominal, &[density(&nominal)], &observations).unwrap();
     assert_eq!(found.identification.findings, [Finding::AtBound(0.0)]);
 }
 
@@ -345,7 +347,7 @@ fn results_do_not_depend_on_threads() {
             .num_threads(threads)
             .build()
             .unwrap();
-        pool.install(|| calibrate(&nominal, &unknowns, &observations))
+        pool.install(|| fit(&nominal, &unknowns, &observations))
             .unwrap()
     });
     assert_eq!(one.spec, many.spec);
@@ -363,7 +365,7 @@ fn input_that_makes_no_sense_is_refused() {
     };
     let observations = campaign.observe(&nominal, 88);
     let refusal = |unknowns: &[Unknown], observations: &[Observation]| {
-        calibrate(&nominal, unknowns, observations).unwrap_err()
+        fit(&nominal, unknowns, observations).unwrap_err()
     };
     assert!(matches!(
         refusal(&[], &observations),
@@ -383,6 +385,7 @@ fn input_that_makes_no_sense_is_refused() {
         error,
         CalibrationError::TooFew {
             coordinates: 0,
+            priors: 0,
             unknowns: 1
         }
     ));

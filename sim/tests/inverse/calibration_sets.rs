@@ -4,8 +4,10 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use tdcr_sim::inverse::calibration::{Finding, FitState, Observation, Unknown, calibrate};
+use tdcr_sim::inverse::calibration::{Finding, FitState, Observation, Unknown};
 use tdcr_sim::robot::{Axis, Backbone, Body, Loads, Parameter, PerDisc, Robot, RobotSpec};
+
+use super::fit;
 
 /// Tip positions of a robot under random commands and payloads of up to 30 g, with errors (m).
 fn observe(real: &RobotSpec, seed: u64, discs: &[usize], noise: f64) -> Vec<Observation> {
@@ -89,7 +91,7 @@ fn more_unknowns_end_no_worse(trial: u64, stiffness: f64) {
     let observations = observe(&real, trial, &[9], 5e-4);
     let mut fewer = f64::INFINITY;
     for count in (2..=all.len()).step_by(6) {
-        let found = calibrate(&nominal, &all[..count], &observations).unwrap();
+        let found = fit(&nominal, &all[..count], &observations).unwrap();
         assert!(
             found.residual_rms <= fewer * (1.0 + 1e-9),
             "trial {trial}, {count} unknowns: {} m, {fewer} m with fewer",
@@ -129,7 +131,7 @@ fn supersets_in_any_order_explain_no_less() {
         for count in [3, 5, 8, all.len()] {
             let mut set = all[..count].to_vec();
             shuffle(&mut set);
-            let found = calibrate(&nominal, &set, &observations).unwrap();
+            let found = fit(&nominal, &set, &observations).unwrap();
             assert!(
                 found.residual_rms <= fewer * (1.0 + 1e-3),
                 "trial {trial}, {count} unknowns: {} m, {fewer} m with fewer",
@@ -152,7 +154,7 @@ fn a_stiffness_that_grows_without_end_comes_to_a_minimum() {
         let real = altered(&nominal, &all, 0.3, &mut rng);
         let torsion = Unknown::shared("torsion", (0..2).map(Parameter::Torsion));
         let observations = observe(&real, trial, &[4, 9], 5e-4);
-        let found = calibrate(&nominal, &[torsion], &observations).unwrap();
+        let found = fit(&nominal, &[torsion], &observations).unwrap();
         minima += usize::from(!matches!(found.state, FitState::Halted { .. }));
         if let FitState::AtBound(at) = &found.state {
             assert_eq!(at, &[0]);

@@ -184,7 +184,8 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (lambda **target: controller.reach(tdcr.inverse.Target(**target)), {"direction": [0, 0, 1], "weight": 1.0}),
         (
             tdcr.calibrate,
-            {**batch, "unknowns": ["gain[0]"], "positions": SETTLED.tip[np.newaxis, np.newaxis], "discs": None, "payload": None},
+            {**batch, "unknowns": ["gain[0]"], "positions": SETTLED.tip[np.newaxis, np.newaxis], "discs": None, "payload": None}
+            | {"priors": {"gain[0]": {"spread": 10.0}}, "error": 1e-4},
         ),
         (
             tdcr.render,

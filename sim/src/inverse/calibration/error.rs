@@ -2,17 +2,20 @@
 
 use thiserror::Error;
 
+use crate::inverse::PriorError;
 use crate::robot::{CommandError, LoadsError, ParameterError, SpecError};
 
 /// Why there is no calibration.
 #[non_exhaustive]
 #[derive(Debug, Error)]
 pub enum CalibrationError {
-    /// Not as many measured coordinates as unknowns and one.
-    #[error("{coordinates} coordinates are measured; {unknowns} unknowns take {} at least", unknowns + 1)]
+    /// Not as many measured coordinates and priors as unknowns and one.
+    #[error("{}; {unknowns} unknowns take {} at least", known(*coordinates, *priors), unknowns + 1)]
     TooFew {
         /// Measured coordinates.
         coordinates: usize,
+        /// Priors that have a spread.
+        priors: usize,
         /// Unknowns.
         unknowns: usize,
     },
@@ -24,6 +27,14 @@ pub enum CalibrationError {
     /// Unknowns that are not independent.
     #[error("the unknowns `{0}` and `{1}` set the same thing; give it once")]
     Overlap(String, String),
+    /// A prior of no unknown, or one that its unknown cannot have.
+    #[error(transparent)]
+    Prior(#[from] PriorError),
+    /// Errors of measurement of no size.
+    #[error(
+        "error is {0}; expected a finite number above 0, the standard deviation of a measured coordinate (m)"
+    )]
+    Error(f64),
     /// A parameter that the robot does not have.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
@@ -65,4 +76,11 @@ pub enum CalibrationError {
         "the robot that the calibration starts from does not settle stably under observation {0}"
     )]
     Unsettled(usize),
+}
+
+fn known(coordinates: usize, priors: usize) -> String {
+    match priors {
+        0 => format!("{coordinates} coordinates are measured"),
+        _ => format!("{coordinates} coordinates are measured (priors with a spread: {priors})"),
+    }
 }

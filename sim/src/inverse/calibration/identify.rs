@@ -3,7 +3,8 @@
 use nalgebra::DMatrix;
 
 use crate::inverse::least_squares::Evaluation;
-use crate::inverse::student::two_sided_quantile;
+use crate::inverse::priors::LITTLE;
+use crate::inverse::student::{NORMAL, two_sided_quantile};
 
 /// Level of the intervals.
 const LEVEL: f64 = 0.95;
@@ -23,12 +24,12 @@ const BLURRED: f64 = 0.9;
 pub struct Identification {
     /// Of each unknown, in order.
     pub findings: Vec<Finding>,
-    /// Standard deviation of the errors of measurement (m): the root of the residuals' sum of squares
-    /// over the degrees of freedom.
+    /// Standard deviation of the errors of measurement (m): the root of the residuals' sum of squares, those of priors among
+    /// them, over the degrees of freedom. Beside a stated error it says whether that explains the residuals.
     pub noise: f64,
-    /// Measured coordinates less directions fitted.
+    /// Measured coordinates and priors less directions fitted.
     pub degrees_of_freedom: usize,
-    /// Condition number of the Jacobian with columns of length 1 (Belsley, Kuh and Welsch), of the
+    /// Condition number of the Jacobian, the priors' rows included, with columns of length 1 (Belsley, Kuh and Welsch), of the
     /// unknowns that have an effect and are not at a bound. From about 30 on, unknowns blur each other.
     pub condition: f64,
     /// Correlations of the estimates' errors, one row and column for each unknown; zero where either
@@ -55,54 +56,85 @@ pub enum Finding {
     },
     /// It has no effect on anything that was measured.
     NoEffect,
-    /// The best fit is at the bound of what a robot can have: the model, or the data, does not suit.
-    /// The other unknowns' errors hold for this value.
+    /// The best fit is at the bound of what a robot can have, or at one that was given: the model, the data or the bound does
+    /// not suit. The other unknowns' errors hold for this value.
     AtBound(f64),
 }
 
 /// An estimate, in the unknown's unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The least-squares value.
+    /// The least-squares value; with a prior the one of largest posterior density.
     pub value: f64,
-    /// Standard error: the root of the diagonal of `s² (J'J)⁻¹`.
+    /// Standard error: the root of the diagonal of `s² (J'J)⁻¹`, where `s` is the stated error or else
+    /// [`Identification::noise`], and `J` has a row for each prior. With a stated error this is the covariance of the Gaussian
+    /// posterior of the linearised model (Bishop, Pattern Recognition and Machine Learning, 2006, Eq. 3.51).
     pub standard_error: f64,
-    /// The 95 % confidence interval, by Student's t distribution.
+    /// The 95 % confidence interval, by Student's t distribution, or with a stated error by the normal one; no part of it is
+    /// beyond a bound.
     pub interval: [f64; 2],
+    /// Whether the measurements say little of it: its standard error is nearly its prior's.
+    pub prior_only: bool,
 }
 
-/// `x`: the unknowns' values; `at`: residuals there and their derivatives by them; `stopped`: which are
-/// at a bound; `scales`: the sizes against which each unknown's uncertainty is judged.
+/// An unknown at the end of a fit.
+pub(super) struct Found {
+    pub value: f64,
+    /// Smallest and largest value.
+    pub bounds: [f64; 2],
+    /// Whether it is at a bound.
+    pub stopped: bool,
+    /// The size against which its uncertainty is judged.
+    pub scale: f64,
+    /// Standard deviation of its prior, if it has one.
+    pub spread: Option<f64>,
+}
+
+/// `at`: residuals of the `measured` coordinates and of priors, and their derivatives by the unknowns' values; `error`: what is
+/// stated of the errors of measurement.
 pub(super) fn identify<M>(
-    x: &[f64],
+    unknowns: &[Found],
     at: &Evaluation<M>,
-    stopped: &[bool],
-    scales: &[f64],
+    measured: usize,
+    error: Option<f64>,
 ) -> Identification {
-    let mut findings: Vec<Finding> = (x.iter().zip(stopped))
-        .map(|(value, stopped)| match stopped {
-            true => Finding::AtBound(*value),
+    let mut findings: Vec<Finding> = (unknowns.iter())
+        .map(|unknown| match unknown.stopped {
+            true => Finding::AtBound(unknown.value),
             false => Finding::NoEffect,
         })
         .collect();
-    // Relative effects, so that "no effect" does not depend on units.
-    let effects = |i: usize| at.jacobian.column(i).norm() * scales[i].max(f64::MIN_POSITIVE);
-    let strongest = (0..x.len()).map(effects).fold(0.0, f64::max);
-    let fitted: Vec<usize> = (0..x.len())
-        .filter(|&i| findings[i] == Finding::NoEffect && effects(i) > ROUNDING * strongest)
+    // Relative effects on what was measured, so that "no effect" does not depend on units.
+    let effects = |i: usize| {
+        let effect = at.jacobian.column(i).rows(0, measured).norm();
+        effect * unknowns[i].scale.max(f64::MIN_POSITIVE)
+    };
+    let strongest = (0..unknowns.len()).map(effects).fold(0.0, f64::max);
+    let known = |i: usize| unknowns[i].spread.is_some() || effects(i) > ROUNDING * strongest;
+    let fitted: Vec<usize> = (0..unknowns.len())
+        .filter(|&i| findings[i] == Finding::NoEffect && known(i))
         .collect();
     let directions = Directions::new(&at.jacobian, &fitted);
     let degrees_of_freedom = at.residuals.len().saturating_sub(directions.rank());
     let noise = (at.cost() / degrees_of_freedom.max(1) as f64).sqrt();
-    let reach = two_sided_quantile(LEVEL, degrees_of_freedom.max(1));
+    let (unit, reach) = match error {
+        Some(error) => (error, NORMAL),
+        None => (noise, two_sided_quantile(LEVEL, degrees_of_freedom.max(1))),
+    };
     for (place, &unknown) in fitted.iter().enumerate() {
-        let standard_error = noise * directions.spread(place);
-        let scale = match scales[unknown] {
+        let standard_error = unit * directions.spread(place);
+        let Found {
+            value,
+            bounds: [low, high],
+            scale,
+            spread,
+            ..
+        } = unknowns[unknown];
+        let scale = match scale {
             0.0 => f64::INFINITY,
             scale => scale,
         };
         let half_width = reach * standard_error;
-        let value = x[unknown];
         findings[unknown] = if !directions.determines(place) || half_width > scale {
             let with = directions.partners(place);
             let with: Vec<usize> = with.into_iter().map(|other| fitted[other]).collect();
@@ -114,11 +146,15 @@ pub(super) fn identify<M>(
             Finding::Identified(Estimate {
                 value,
                 standard_error,
-                interval: [value - half_width, value + half_width],
+                interval: [
+                    (value - half_width).max(low),
+                    (value + half_width).min(high),
+                ],
+                prior_only: spread.is_some_and(|spread| standard_error > LITTLE * spread),
             })
         };
     }
-    let mut correlations = DMatrix::zeros(x.len(), x.len());
+    let mut correlations = DMatrix::zeros(unknowns.len(), unknowns.len());
     for (i, &row) in fitted.iter().enumerate() {
         for (j, &column) in fitted.iter().enumerate() {
             let both = [row, column].map(|k| matches!(findings[k], Finding::Identified(_)));

@@ -6,7 +6,7 @@
 //!
 //! ```
 //! use rand::SeedableRng;
-//! use tdcr_sim::inverse::calibration::{Finding, Observation, Unknown, calibrate};
+//! use tdcr_sim::inverse::calibration::{CalibrationSettings, Finding, Observation, Unknown, calibrate};
 //! use tdcr_sim::robot::{Loads, Parameter, Robot, RobotSpec};
 //!
 //! // The robot as it is, and 20 positions of its tip under known commands and payloads.
@@ -21,14 +21,18 @@
 //! };
 //! let observations = (0..20).map(observe).collect::<Result<Vec<_>, tdcr_sim::robot::LoadsError>>()?;
 //!
-//! let found = calibrate(&nominal, &[gains], &observations)?;
+//! let found = calibrate(&nominal, &[gains], &observations, &CalibrationSettings::default())?;
 //! let Finding::Identified(gain) = &found.identification.findings[0] else { panic!("the gain is identified") };
 //! assert!((gain.value - 430.0).abs() < 1e-3);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The errors of measurement are taken to be independent, all of the same unknown size, and to have
-//! no mean; the commands and loads to be known. Frames of cameras and robot must agree.
+//! The errors of measurement are taken to be independent, all of the same size, and to have no mean; the commands and loads to be
+//! known. Frames of cameras and robot must agree. How large the errors are is found from the residuals, unless it is stated.
+//!
+//! What is known of unknowns before the fit are normal [priors](CalibrationSettings::priors): each is a measurement of its unknown,
+//! with the prior's standard deviation as its error. The values are then those of largest posterior density, and standard errors
+//! those of the posterior of the linearised model (Bishop, Pattern Recognition and Machine Learning, 2006, ch. 3.3).
 
 mod error;
 mod identify;
@@ -41,9 +45,11 @@ pub use unknown::Unknown;
 
 use nalgebra::{DVector, Vector3};
 
+use super::Priors;
 use super::least_squares::{Evaluation, Limit, left_to_gain, minimise};
 use crate::robot::{Command, Loads, RobotSpec};
 use crate::statics::Equilibrium;
+use identify::{Found, identify};
 use problem::{Problem, Start};
 
 /// Steps of the minimisation at most.
@@ -69,14 +75,26 @@ pub struct Observation {
     pub positions: Vec<(usize, Vector3<f64>)>,
 }
 
+/// What is known beside the observations.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CalibrationSettings {
+    /// Priors and bounds, by the unknowns' names. A [value](super::Prior::value) replaces the robot's as the first one, and as the
+    /// mean of the prior; a [spread](super::Prior::spread) is a standard deviation in the unknown's unit, and one below a
+    /// millionth of the value counts as so much.
+    pub priors: Priors,
+    /// Standard deviation of the errors of a measured coordinate (m), which spreads are weighed against; none, and no spread, to
+    /// find it from the residuals.
+    pub error: Option<f64>,
+}
+
 /// How a fit ended. Whatever it is, the values are the best that were found.
 #[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum FitState {
     /// At a minimum, to a thousandth of the errors of measurement; all unknowns within their bounds.
     Converged,
-    /// At a minimum within the bounds of what a robot can have, with these unknowns, by their place in
-    /// the list, at a bound.
+    /// At a minimum within the bounds of what a robot can have, or those given, with these unknowns, by their place in the list,
+    /// at a bound.
     AtBound(Vec<usize>),
     /// Short of a minimum: no step brought anything, for example where the equilibrium of an
     /// observation vanishes, or the steps were used up. The values explain the observations as well as
@@ -99,7 +117,7 @@ pub struct Calibration {
     pub identification: Identification,
     /// How the fit ended.
     pub state: FitState,
-    /// Root mean square of the residuals, over all coordinates (m).
+    /// Root mean square of the residuals, over all measured coordinates (m).
     pub residual_rms: f64,
     /// Steps tried.
     pub steps: usize,
@@ -127,26 +145,30 @@ pub fn calibrate(
     first: &RobotSpec,
     unknowns: &[Unknown],
     observations: &[Observation],
+    settings: &CalibrationSettings,
 ) -> Result<Calibration, CalibrationError> {
-    let (problem, start) = Problem::new(first, unknowns, observations)?;
+    let (problem, start) = Problem::new(first, unknowns, observations, settings)?;
     let limits = problem.limits();
     let Fitted { x, mut at, steps } = best(&problem, &start, &limits)?;
-    let state = state(&x, &at, &limits);
-    let values = problem.values(&x);
+    let residual_rms = rms(&at, problem.coordinates());
+    let state = state(&x, &at, &limits, residual_rms, settings.error);
     let spec = problem.spec(&x)?;
-    let scales: Vec<f64> = (unknowns.iter().zip(&values))
-        .map(|(unknown, value)| unknown.scale(&spec, *value))
-        .collect();
+    let values = problem.values(&x);
+    let found = |(place, unknown): (usize, &Unknown)| Found {
+        value: values[place],
+        bounds: problem.sought[place].bounds,
+        stopped: limits[place].stops(x[place]),
+        scale: unknown.scale(&spec, values[place]),
+        spread: problem.spread(place),
+    };
+    let found: Vec<Found> = unknowns.iter().enumerate().map(found).collect();
     problem.by_values(&x, &mut at.jacobian);
-    let stopped: Vec<bool> = (x.iter().zip(&limits))
-        .map(|(x, limit)| limit.stops(*x))
-        .collect();
-    let identification = identify::identify(&values, &at, &stopped, &scales);
+    let measured = problem.coordinates();
     Ok(Calibration {
+        identification: identify(&found, &at, measured, settings.error),
         spec,
-        identification,
         state,
-        residual_rms: rms(&at),
+        residual_rms,
         steps,
     })
 }
@@ -286,12 +308,18 @@ fn descend(
     Fitted { x, at, steps }
 }
 
-/// How a fit that ended at `x` did.
-fn state(x: &DVector<f64>, at: &Evaluated, limits: &[Limit]) -> FitState {
+/// How a fit that ended at `x` did, by the root mean square of its residuals and the errors of measurement where they are stated.
+fn state(
+    x: &DVector<f64>,
+    at: &Evaluated,
+    limits: &[Limit],
+    rms: f64,
+    error: Option<f64>,
+) -> FitState {
     let freedom = (at.residuals.len() - x.len()) as f64;
-    let noise = (at.cost() / freedom).sqrt();
+    let noise = error.unwrap_or_else(|| (at.cost() / freedom).sqrt());
     let offset = (left_to_gain(x, at, limits) / x.len() as f64).sqrt() / noise;
-    if rms(at) > EXACT && offset > OFFSET {
+    if rms > EXACT && offset > OFFSET {
         return FitState::Halted { offset };
     }
     let stopped: Vec<usize> = (0..x.len()).filter(|&i| limits[i].stops(x[i])).collect();
@@ -301,7 +329,7 @@ fn state(x: &DVector<f64>, at: &Evaluated, limits: &[Limit]) -> FitState {
     }
 }
 
-/// Root mean square of the residuals (m).
-fn rms(at: &Evaluated) -> f64 {
-    (at.cost() / at.residuals.len() as f64).sqrt()
+/// Root mean square of the residuals of the `measured` coordinates (m).
+fn rms(at: &Evaluated, measured: usize) -> f64 {
+    (at.residuals.rows(0, measured).norm_squared() / measured as f64).sqrt()
 }

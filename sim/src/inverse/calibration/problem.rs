@@ -3,11 +3,18 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{CalibrationError, Observation, Unknown};
+use super::{CalibrationError, CalibrationSettings, Observation, Unknown};
+use crate::inverse::PriorError;
 use crate::inverse::least_squares::{Evaluation, Limit};
 use crate::inverse::sought::Sought;
-use crate::robot::{Parameter, ParameterError, Robot, RobotSpec};
+use crate::robot::{Parameter, ParameterError, Robot, RobotSpec, Values};
 use crate::statics::{Equilibrium, Settler};
+
+/// The smallest standard deviation of a prior that counts, relative to its unknown's scale: rows of smaller ones would hide all
+/// others in rounding.
+const FINEST: f64 = 1e-6;
+/// Smallest and largest weight of a prior (m over the unknown's unit), whose squares are numbers.
+const WEIGHTS: [f64; 2] = [1e-100, 1e100];
 
 /// What is to be explained, by which unknowns.
 pub(super) struct Problem<'a> {
@@ -15,7 +22,20 @@ pub(super) struct Problem<'a> {
     pub unknowns: &'a [Unknown],
     pub observations: &'a [Observation],
     /// Of each unknown, in order.
-    sought: Vec<Sought>,
+    pub sought: Vec<Sought>,
+    /// Rows of the residuals below those of the observations.
+    priors: Vec<PriorRow>,
+}
+
+/// A normal distribution of an unknown's value before the fit.
+struct PriorRow {
+    /// The unknown, by its place in the list.
+    unknown: usize,
+    mean: f64,
+    /// Its standard deviation.
+    spread: f64,
+    /// The errors of measurement over the standard deviation: residuals of all rows then have the former's size (m).
+    weight: f64,
 }
 
 impl<'a> Problem<'a> {
@@ -24,20 +44,70 @@ impl<'a> Problem<'a> {
         first: &'a RobotSpec,
         unknowns: &'a [Unknown],
         observations: &'a [Observation],
+        settings: &CalibrationSettings,
     ) -> Result<(Self, DVector<f64>), CalibrationError> {
         let mut problem = Self {
             first,
             unknowns,
             observations,
             sought: Vec::new(),
+            priors: Vec::new(),
         };
         let values = problem.check()?;
         let seek = |(unknown, &value): (&Unknown, &f64)| unknown.sought(value);
         problem.sought = unknowns.iter().zip(&values).map(seek).collect();
+        problem.believe(settings)?;
+        let (coordinates, priors) = (problem.coordinates(), problem.priors.len());
+        if coordinates + priors <= unknowns.len() {
+            return Err(CalibrationError::TooFew {
+                coordinates,
+                priors,
+                unknowns: unknowns.len(),
+            });
+        }
         let starts = problem.sought.iter();
         let starts = starts.map(|sought| sought.coordinate.of(sought.first));
         let start = DVector::from_vec(starts.collect());
         Ok((problem, start))
+    }
+
+    /// Gives the unknowns what is known of them.
+    fn believe(&mut self, settings: &CalibrationSettings) -> Result<(), CalibrationError> {
+        let CalibrationSettings { priors, error } = settings;
+        if let Some(error) = *error
+            && !Values::Positive.contain(error)
+        {
+            return Err(CalibrationError::Error(error));
+        }
+        priors.check_names(&self.sought.iter().collect::<Vec<_>>())?;
+        for (place, unknown) in self.unknowns.iter().enumerate() {
+            let given = priors.of(&self.sought[place])?;
+            if let Some(value) = given.value {
+                self.sought[place] = unknown.sought(value);
+            }
+            let sought = &mut self.sought[place];
+            given.confine(sought)?;
+            let Some(spread) = given.spread else { continue };
+            let Some(error) = *error else {
+                let reason = "it is weighed against the errors of measurement, whose size is not known; expected `error`, their \
+                              standard deviation (m), beside it";
+                return Err(PriorError::of(&sought.name, "spread", reason).into());
+            };
+            let mean = sought.first;
+            // A value of 0 has no scale: its prior weighs a million (m over its unit) at most.
+            let least = match unknown.scale(self.first, mean) {
+                0.0 => FINEST * error,
+                scale => FINEST * scale,
+            };
+            let [lightest, heaviest] = WEIGHTS;
+            self.priors.push(PriorRow {
+                unknown: place,
+                mean,
+                spread,
+                weight: (error / spread.max(least)).clamp(lightest, heaviest),
+            });
+        }
+        Ok(())
     }
 
     /// The unknowns' values at `x`.
@@ -49,6 +119,13 @@ impl<'a> Problem<'a> {
     /// How far each unknown's coordinate may go.
     pub fn limits(&self) -> Vec<Limit> {
         self.sought.iter().map(Sought::limit).collect()
+    }
+
+    /// Standard deviation of an unknown's prior, if it has one.
+    pub fn spread(&self, unknown: usize) -> Option<f64> {
+        let mut priors = self.priors.iter();
+        let prior = priors.find(|prior| prior.unknown == unknown)?;
+        Some(prior.spread)
     }
 
     /// Takes derivatives by coordinates at `x` to those by the values.
@@ -88,13 +165,6 @@ impl<'a> Problem<'a> {
             return Err(CalibrationError::NoUnknown);
         }
         self.check_overlap()?;
-        let (coordinates, unknowns) = (self.coordinates(), self.unknowns.len());
-        if coordinates <= unknowns {
-            return Err(CalibrationError::TooFew {
-                coordinates,
-                unknowns,
-            });
-        }
         let values: Result<Vec<f64>, _> = (self.unknowns.iter())
             .map(|unknown| unknown.value(self.first))
             .collect();
@@ -121,7 +191,8 @@ impl<'a> Problem<'a> {
         Ok(())
     }
 
-    fn coordinates(&self) -> usize {
+    /// Number of measured coordinates.
+    pub fn coordinates(&self) -> usize {
         self.observations
             .iter()
             .map(|o| 3 * o.positions.len())
@@ -136,7 +207,8 @@ impl<'a> Problem<'a> {
         self.first.with(&values)
     }
 
-    /// Residuals and their Jacobian by the coordinates of the unknowns in `free`, with every observation's equilibrium.
+    /// Residuals (m) of the measured coordinates, then of the priors, and their Jacobian by the coordinates of the unknowns in
+    /// `free`, with every observation's equilibrium.
     ///
     /// # Errors
     /// If there is no such robot, or it does not settle stably under an observation.
@@ -154,8 +226,9 @@ impl<'a> Problem<'a> {
                 |settler, index| self.observe(&robot, settler, index, free, start),
             )
             .collect();
-        let mut residuals = DVector::zeros(self.coordinates());
-        let mut jacobian = DMatrix::zeros(self.coordinates(), free.len());
+        let rows = self.coordinates() + self.priors.len();
+        let mut residuals = DVector::zeros(rows);
+        let mut jacobian = DMatrix::zeros(rows, free.len());
         let mut memory = Vec::with_capacity(parts.len());
         let mut row = 0;
         for (index, part) in parts.into_iter().enumerate() {
@@ -165,6 +238,13 @@ impl<'a> Problem<'a> {
             jacobian.rows_mut(row, rows).copy_from(&part.jacobian);
             memory.push(part.settled);
             row += rows;
+        }
+        for (row, prior) in (row..).zip(&self.priors) {
+            let value = self.sought[prior.unknown].value(x[prior.unknown]);
+            residuals[row] = prior.weight * (value - prior.mean);
+            if let Some(column) = free.iter().position(|&i| i == prior.unknown) {
+                jacobian[(row, column)] = prior.weight;
+            }
         }
         for (mut column, &i) in jacobian.column_iter_mut().zip(free) {
             column *= self.sought[i].coordinate.slope(x[i]);
