@@ -249,10 +249,7 @@ impl Robot {
 
     /// This robot with its base elsewhere: position (m) and quaternion (w, x, y, z), not all 0.
     fn with_base(&self, position: [f64; 3], quaternion: [f64; 4]) -> Outcome<Self> {
-        let mut spec = self.0.spec().clone();
-        (spec.base.position, spec.base.orientation) = (position, quaternion);
-        spec.validate()?;
-        Self::new(spec)
+        Ok(Self(self.0.with_base(position, quaternion)?))
     }
 
     /// Position (m) and quaternion (w, x, y, z) of the base, as the robot file has them.

@@ -143,7 +143,15 @@ fn numbers(cells: &[String], header: Option<&Columns>) -> anyhow::Result<Vec<f64
         .collect()
 }
 
+/// Columns that say how the base moves, in tables of `plan` and `deploy`.
+const BASE: [&str; 2] = ["insertion", "base_x"];
+
 fn command_columns(names: &[&str]) -> anyhow::Result<Columns> {
+    if let Some(name) = names.iter().find(|name| BASE.contains(name)) {
+        tracing::warn!(
+            "the column {name} moves the base, which stays where it is here: the commands alone are read"
+        );
+    }
     let numbered = |(place, name): (usize, &&str)| {
         let number: usize = name.strip_prefix(['c', 'C'])?.parse().ok()?;
         Some((number, place))

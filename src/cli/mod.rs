@@ -1,6 +1,7 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
 mod background;
+mod base;
 mod calibrate;
 mod calibrate_cameras;
 mod camera_overlaps;
@@ -51,6 +52,8 @@ mod servo_sim;
 mod settle;
 mod settle_contacts;
 mod settle_many;
+mod settle_path;
+mod settle_table;
 mod signals;
 mod simulate;
 mod study;

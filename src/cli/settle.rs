@@ -20,13 +20,14 @@ use tdcr::sim::scene::Scene;
 use tdcr::sim::sensitivity::SensitivityError;
 use tdcr::sim::statics::{Examined, Growth, Stability};
 
+use super::base::BaseArg;
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsJson};
 use super::picture::{PictureArg, of_robot};
 use super::scene::SceneArgs;
 use super::settle_contacts::Surroundings;
-use super::settle_many;
 use super::units::units;
+use super::{settle_many, settle_path};
 
 /// Settle a robot under a command: where its discs come to rest
 #[derive(Debug, Args)]
@@ -37,30 +38,36 @@ pub(super) struct SettleArgs {
     #[arg(
         long = "command",
         value_parser = super::numbers,
-        conflicts_with_all = ["random", "commands"],
+        conflicts_with_all = ["random", "commands", "path"],
         allow_hyphen_values = true,
         value_name = "C,C,..."
     )]
     command: Option<Box<[f64]>>,
-    /// Settle every command in this file: CSV, one per line, optionally with a header, or JSON, a list of lists. A column
-    /// `payload` (kg) replaces --payload
-    #[arg(long, value_name = "FILE", conflicts_with = "random")]
+    /// Settle every command in this file, each from the straight pose: CSV, one per line, optionally with a header, or JSON, a list of
+    /// lists. A column `payload` (kg) replaces --payload
+    #[arg(long, value_name = "FILE", group = "file", conflicts_with_all = ["random", "path"])]
     commands: Option<PathBuf>,
-    /// With --commands, the table to write (.csv or .json): tip, tendons, stiffness, residual of each command
-    #[arg(long, value_name = "FILE", requires = "commands", conflicts_with_all = ["command", "random"])]
+    /// Lead the robot along the commands of such a file, slowly: each settles from the one before, with friction of tendons and
+    /// obstacles where there is any, and says whether the robot snapped on the way
+    #[arg(long, value_name = "FILE", group = "file", conflicts_with = "random")]
+    path: Option<PathBuf>,
+    /// With --commands or --path, the table to write (.csv or .json): tip, tendons, stiffness, residual of each command
+    #[arg(long, value_name = "FILE", requires = "file", conflicts_with_all = ["command", "random"])]
     out: Option<PathBuf>,
     /// Settle N random commands instead, on one thread, and report how many settle, how well and how fast
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     random: Option<u64>,
     /// Seed of the random commands
-    #[arg(long, default_value_t = 0, requires = "random", conflicts_with_all = ["command", "commands"])]
+    #[arg(long, default_value_t = 0, requires = "random", conflicts_with_all = ["command", "commands", "path"])]
     seed: u64,
+    #[command(flatten)]
+    base: BaseArg,
     #[command(flatten)]
     loads: LoadArgs,
     #[command(flatten)]
     scene: SceneArgs,
     /// Also print the compliance of the tip: its motion per force and moment on it
-    #[arg(long, conflicts_with_all = ["random", "commands"])]
+    #[arg(long, conflicts_with_all = ["random", "commands", "path"])]
     compliance: bool,
     #[command(flatten)]
     picture: PictureArg,
@@ -138,26 +145,26 @@ struct Survey {
 
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let picture = args.picture.wanted()?;
-    if picture.is_some() && (args.commands.is_some() || args.random.is_some()) {
-        bail!("--picture is of one command; expected --command, not --commands or --random");
-    }
-    let robot = Robot::new(args.robot.load()?)?;
-    let scene = args.scene.load()?;
-    if let Some(file) = &args.commands {
-        return settle_many::run(
-            &robot,
-            &scene,
-            file,
-            &args.loads,
-            args.out.as_deref(),
-            console,
+    let is_of_many = args.commands.is_some() || args.path.is_some() || args.random.is_some();
+    if picture.is_some() && is_of_many {
+        bail!(
+            "--picture is of one command; expected --command, not --commands, --path or --random"
         );
+    }
+    let robot = args.base.put(Robot::new(args.robot.load()?)?)?;
+    let scene = args.scene.load()?;
+    let (around, out) = ((&robot, &scene), args.out.as_deref());
+    if let Some(file) = &args.commands {
+        return settle_many::run(around, file, &args.loads, out, console);
+    }
+    if let Some(file) = &args.path {
+        return settle_path::run(around, file, &args.loads, out, console);
     }
     let loads = args.loads.on(&robot)?;
     if let Some(count) = args.random {
         return survey(&robot, &scene, &loads, count, args.seed, console);
     }
-    let others = ", --commands FILE or --random N";
+    let others = ", --commands FILE, --path FILE or --random N";
     let command = super::command_of(args.command.as_deref(), &robot, others)?;
     let mut settler = ContactSettler::new(&robot, &scene);
     let found = settler.settle(&command, &loads)?.clone();

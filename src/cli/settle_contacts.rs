@@ -6,6 +6,7 @@ use serde::Serialize;
 use tdcr::report::counted;
 use tdcr::sim::contact::{Activity, Contact, ContactSettler, Sliding};
 use tdcr::sim::scene::Scene;
+use tdcr::sim::tendon_friction::ContactPath;
 
 /// The contacts of an equilibrium in a scene, and how exact they are.
 #[derive(Serialize)]
@@ -93,6 +94,20 @@ impl Surroundings {
             complementarity: found.complementarity,
             penetration: found.penetration,
             shape_error: settler.beads().shape_error(),
+        })
+    }
+
+    /// Where a path with friction has come to; none where nothing can be touched.
+    pub fn on_path(path: &ContactPath, shape_error: f64) -> Option<Self> {
+        let scene = path.scene();
+        let [complementarity, penetration] = path.contact_errors()?;
+        Some(Self {
+            contacts: (path.contacts().iter())
+                .map(|contact| ContactJson::of(contact, scene))
+                .collect(),
+            complementarity,
+            penetration,
+            shape_error,
         })
     }
 

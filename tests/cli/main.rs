@@ -45,6 +45,7 @@ mod resume;
 mod rig_scene;
 mod servo_sim;
 mod settle;
+mod settle_path;
 mod signals;
 mod simulate;
 mod statics;

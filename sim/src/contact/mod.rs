@@ -1,8 +1,8 @@
 //! Robots that touch obstacles, at rest and in motion.
 //!
 //! [`ContactSettler`] settles a robot in a [`Scene`](crate::scene::Scene): where its discs come to rest, what they touch, and with which
-//! forces. [`ContactSensitivity`] differentiates that by the command, the loads, the robot, and by the motion of its base, of
-//! obstacles, and their compliance. [`ContactStepper`] moves it through time.
+//! forces. [`BranchPath`] leads it along a sequence of commands. [`ContactSensitivity`] differentiates an equilibrium by the command, the
+//! loads, the robot, and by the motion of its base, of obstacles, and their compliance. [`ContactStepper`] moves the robot through time.
 //!
 //! The robot touches with its [`Beads`](crate::geometry::Beads). A contact has a normal force without friction that keeps the
 //! distance of the surfaces above 0 after they have given way by the obstacle's compliance; that is a potential, so an equilibrium
@@ -10,6 +10,7 @@
 //! that no bead passes through an obstacle on the way from the straight pose. Contacts are soft at first, and harden to what they are.
 
 mod active;
+mod branch;
 mod clear;
 mod clearance;
 mod dense;
@@ -29,6 +30,7 @@ mod soften;
 mod stability;
 mod touching;
 
+pub use branch::BranchPath;
 pub use motion::ContactStepper;
 pub use sensitivity::{ContactSensitivity, ObstacleGradient, SceneGradient};
 pub use settler::ContactSettler;

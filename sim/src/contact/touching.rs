@@ -75,6 +75,11 @@ impl Touching {
         &self.at.report.contacts
     }
 
+    /// The same, with how well it is solved: its equilibrium is that of the start.
+    pub fn report(&self) -> &ContactEquilibrium {
+        &self.at.report
+    }
+
     /// The last equilibrium, to come back to.
     pub fn state(&self) -> &Touched {
         &self.at

@@ -46,6 +46,15 @@ impl Command {
         &self.0
     }
 
+    /// `part` of the way from this command to another of the robot.
+    pub(crate) fn towards(&self, goal: &Self, part: f64) -> Self {
+        if part == 1.0 {
+            return goal.clone();
+        }
+        let pairs = self.0.iter().zip(&goal.0);
+        Self(pairs.map(|(from, to)| from + part * (to - from)).collect())
+    }
+
     /// The values, to be changed within what the robot they act on takes.
     pub(crate) fn as_mut_slice(&mut self) -> &mut [f64] {
         &mut self.0

@@ -42,6 +42,17 @@ impl Robot {
         Ok(Self(Arc::new(model)))
     }
 
+    /// The same robot with its base elsewhere: `position` of its origin in the world (m), `orientation` a quaternion (w, x, y, z),
+    /// normalised on use. Cameras stay.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new): for numbers that are not finite, a position farther away than 1e6 m, a quaternion of zeros.
+    pub fn with_base(&self, position: [f64; 3], orientation: [f64; 4]) -> Result<Self, SpecError> {
+        let mut spec = self.spec().clone();
+        (spec.base.position, spec.base.orientation) = (position, orientation);
+        Self::new(spec)
+    }
+
     /// The layout of a specification whose lists have been validated; numbers may be anything.
     pub(crate) fn lay_out(spec: RobotSpec) -> Self {
         Self(Arc::new(Model::lay_out(spec)))

@@ -129,6 +129,13 @@ impl ContactPath {
             .as_ref()
             .map_or(&[], |own| own.contacts())
     }
+
+    /// How well the contacts there are solved, as of a [`ContactEquilibrium`](crate::contact::ContactEquilibrium): their `complementarity` (J)
+    /// and `penetration` (m). `None` in a scene in which nothing can be touched.
+    pub fn contact_errors(&self) -> Option<[f64; 2]> {
+        let report = self.path.touching.as_ref()?.report();
+        Some([report.complementarity, report.penetration])
+    }
 }
 
 /// Refuses loads without a potential.

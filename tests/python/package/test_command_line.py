@@ -33,6 +33,8 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
         {
             **LOADS,
             "commands": "of settle_batch",
+            "path": "of FrictionPath.follow, without friction of tdcr.follow",
+            "base": "base_position and base_quaternion",
             "out": "arrays are returned",
             "random": "Robot.random_commands",
             "seed": "of Robot.random_commands",

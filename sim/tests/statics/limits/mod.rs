@@ -4,6 +4,7 @@
 //! A rod of length `L` is a chain of `n` discs with pitch `h = L/n` and a joint in the middle of each
 //! pitch, of stiffness `E I / h`: the midpoint rule, so errors fall as `1/n²`.
 
+mod branches;
 mod buckling;
 mod cantilever;
 mod contact;
