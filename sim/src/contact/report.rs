@@ -41,8 +41,8 @@ pub(super) fn report_contacts(equations: &Equations, out: &mut ContactEquilibriu
     out.contacts.clear();
     (out.complementarity, out.penetration) = (0.0, 0.0);
     let chain = &equations.iterate.posture.chain;
-    let mut bristles: Vec<_> = equations.bristles.iter().collect();
-    for near in &equations.neighbourhood.near {
+    let rubbing = faces_of_bristles(equations);
+    for (index, near) in equations.neighbourhood.near.iter().enumerate() {
         let law = equations.law(near);
         let response = law.at(near.gap);
         let centre = chain.centres[near.bead.disc] + near.arm;
@@ -57,11 +57,9 @@ pub(super) fn report_contacts(equations: &Equations, out: &mut ContactEquilibriu
             activity: Activity::Weak,
             sliding: Sliding::Free,
         };
-        // That of the first of the faces that a bead touches.
-        let own = |bristle: &&Bristle| bristle.is_of(&near.bead, near.obstacle);
-        let bristle = bristles.iter().position(own);
-        let contact = match bristle.map(|own| bristles.swap_remove(own)) {
-            Some(bristle) => contact.rubbed(bristle, &centre),
+        let bristle = rubbing.iter().find(|(_, face)| *face == index);
+        let contact = match bristle {
+            Some((bristle, _)) => contact.rubbed(bristle, &centre),
             None => contact,
         };
         out.add(contact, &law, &response, touching);
@@ -82,6 +80,21 @@ pub(super) fn report_contacts(equations: &Equations, out: &mut ContactEquilibriu
         };
         out.add(contact, &law, &response, touching);
     }
+}
+
+/// Each bristle, with the one of the faces near its bead, by their numbers, that bears most: its force is reported there.
+fn faces_of_bristles(equations: &Equations) -> Vec<(&Bristle, usize)> {
+    let near = &equations.neighbourhood.near;
+    let force = |face: usize| equations.law(&near[face]).at(near[face].gap).force;
+    let of_bristle = |bristle: &Bristle| {
+        let own = |face: &usize| bristle.is_of(&near[*face].bead, near[*face].obstacle);
+        let faces = (0..near.len()).filter(own);
+        faces.max_by(|a, b| force(*a).total_cmp(&force(*b)))
+    };
+    let bristles = equations.bristles.iter();
+    bristles
+        .filter_map(|bristle| Some((bristle, of_bristle(bristle)?)))
+        .collect()
 }
 
 impl Contact {
