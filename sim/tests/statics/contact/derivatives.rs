@@ -10,8 +10,6 @@ use tdcr_sim::scene::{Obstacle, Scene};
 
 use super::scenes::scene;
 
-/// Poses that derivatives are checked at.
-const POSES: usize = 500;
 /// Motions of obstacles and the base: about two axes at once, and along two.
 const SHIFT: PoseTangent = PoseTangent {
     position: Vector3::new(0.8, -0.5, 0.3),
@@ -125,13 +123,13 @@ fn moved(pose: &Isometry3<f64>, motion: &PoseTangent, step: f64) -> Isometry3<f6
     Isometry3::from_parts(position.into(), turn * pose.rotation)
 }
 
-#[test]
-fn derivatives_are_those_of_differences() {
-    let robot = Robot::load("2m").unwrap();
+/// Checks all derivatives at so many poses of a robot: 99 % are within 1e-6, and the others within `most`, of the differences.
+fn assert_derivatives(name: &str, poses: usize, most: f64) {
+    let robot = Robot::load(name).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut worst = [0.0_f64; 6];
     let (mut checked, mut exact) = (0, 0);
-    for _ in 0..POSES {
+    for _ in 0..poses {
         let case = Case::next(&mut rng, &robot);
         let touched = case.found.contacts[0].partner.obstacle().unwrap();
         let sensitivity = &case.sensitivity;
@@ -193,10 +191,26 @@ fn derivatives_are_those_of_differences() {
         }
     }
     eprintln!(
-        "{exact} of {checked} derivatives within 1e-6; beyond the differences' own error {worst:?}"
+        "{name}: {exact} of {checked} derivatives within 1e-6; beyond the differences' own error {worst:?}"
     );
-    assert!(checked > 5 * POSES && exact as f64 > 0.99 * checked as f64);
-    assert!(worst.iter().all(|error| *error < 1e-6), "{worst:?}");
+    assert!(checked > 5 * poses && exact as f64 > 0.99 * checked as f64);
+    assert!(worst.iter().all(|error| *error < most), "{worst:?}");
+}
+
+#[test]
+fn derivatives_of_two_modules_are_those_of_differences() {
+    assert_derivatives("2m", 500, 1e-6);
+}
+
+#[test]
+fn derivatives_of_three_modules_are_those_of_differences() {
+    assert_derivatives("3m", 150, 1e-6);
+}
+
+/// A few are less exact, of robots that many contacts hold in a pipe.
+#[test]
+fn derivatives_of_five_modules_are_those_of_differences() {
+    assert_derivatives("5m", 150, 1e-4);
 }
 
 /// The gradient of a cost is the transpose of what moves the poses.

@@ -5,6 +5,7 @@ mod derivatives;
 mod friction;
 mod hostile;
 mod itself;
+mod large;
 mod paths;
 mod planar;
 mod random;

@@ -1,8 +1,8 @@
 //! A planar robot among circles, beside an independent solution of a published model.
 //!
 //! The model is that of Rao, Salzman and Burgner-Kahrs (RA-L 9(5), 2024): a robot of 30 arcs in the plane takes the least sum of squared
-//! curvatures that keeps the length of one tendon, which may push, and its points out of five circles. `data/contact2d` has two paths of
-//! it, solved by SciPy's SLSQP. Here the arcs are joints in their middles, and the circles are long cylinders.
+//! curvatures that keeps the length of one tendon, which may push, and its points out of five circles. `data/contact2d` has three paths of
+//! it, one of them clear of all circles, solved by SciPy's SLSQP. Here the arcs are joints in their middles, and the circles are long cylinders.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -167,4 +167,11 @@ fn inserted_between_circles_the_robot_lies_where_the_model_has_it() {
     let (apart, alike, steps) = follow("between");
     eprintln!("tips within {apart:e} m, the same circles in {alike} of {steps} steps");
     assert!(apart < 5e-4 && alike + 2 >= steps);
+}
+
+#[test]
+fn clear_of_all_circles_the_robot_bends_as_the_model_does() {
+    let (apart, alike, steps) = follow("free");
+    eprintln!("tips within {apart:e} m, no circle in {alike} of {steps} steps");
+    assert!(apart < 5e-4 && alike == steps && steps == 26);
 }

@@ -23,7 +23,7 @@ fn obstacle(rng: &mut ChaCha8Rng, name: &str, [low, high]: [f64; 2]) -> Obstacle
     let out = Vector3::new(f64::cos(around), f64::sin(around), 0.0);
     let axis = Vector3::from_fn(|_, _| rng.random_range(-3.0..3.0));
     let height = rng.random_range(low..high);
-    let solid = match rng.random_range(0..7) {
+    let solid = match rng.random_range(0..10) {
         0 => {
             let mut wall = Obstacle::half_space(name);
             wall.pose.translation = Translation3::from(out * rng.random_range(0.03..0.1));
@@ -34,10 +34,21 @@ fn obstacle(rng: &mut ChaCha8Rng, name: &str, [low, high]: [f64; 2]) -> Obstacle
             let pipe = Obstacle::pipe(name, rng.random_range(0.03..0.06), 0.5).unwrap();
             return pipe.at([0.0, 0.0, height + 0.25]);
         }
-        2 => Obstacle::sphere(name, size),
-        3 => Obstacle::capsule(name, 0.5 * size, 4.0 * size),
-        4 => Obstacle::cuboid(name, [2.0 * size, size, 2.0 * size]),
-        5 => Ok(Obstacle::new(
+        2 => {
+            let radius = rng.random_range(0.03..0.06);
+            let bent = Obstacle::pipe_along(name, radius, &bends(rng, radius)).unwrap();
+            return bent.at([0.0, 0.0, height]);
+        }
+        3 => {
+            let [far, thick] = [rng.random_range(0.05..0.08), rng.random_range(0.01..0.02)];
+            let ring = Obstacle::new(name, ObstacleShape::Solid(torus(far, thick)));
+            return ring.at([0.0, 0.0, height]);
+        }
+        4 => Ok(Obstacle::new(name, ObstacleShape::Solid(angle(size)))),
+        5 => Obstacle::sphere(name, size),
+        6 => Obstacle::capsule(name, 0.5 * size, 4.0 * size),
+        7 => Obstacle::cuboid(name, [2.0 * size, size, 2.0 * size]),
+        8 => Ok(Obstacle::new(
             name,
             ObstacleShape::Solid(tetrahedron(1.4 * size)),
         )),
@@ -55,4 +66,69 @@ fn tetrahedron(size: f64) -> Shape {
     let s = size / 3.0_f64.sqrt();
     let corners = [[s, s, s], [s, -s, -s], [-s, s, -s], [-s, -s, s]];
     Shape::mesh(&corners, &[[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]).unwrap()
+}
+
+/// A line for a pipe of a radius (m) that bends to and fro about the straight robot, and away above it.
+fn bends(rng: &mut ChaCha8Rng, radius: f64) -> Vec<[f64; 3]> {
+    let most = 0.6 * (radius - 0.022);
+    let mut aside = |most: f64| rng.random_range(-most..most);
+    let about = (0..4).map(|k| 0.1 * f64::from(k));
+    let mut line: Vec<[f64; 3]> = about.map(|z| [aside(most), aside(most), z]).collect();
+    line.push([aside(0.2), aside(0.2), 0.5]);
+    line
+}
+
+/// A ring about the z axis: the distance of its middle line from that, and its thickness (m).
+fn torus(radius: f64, thickness: f64) -> Shape {
+    const ALONG: u32 = 24;
+    const AROUND: u32 = 10;
+    let turn = |number: u32, of: u32| std::f64::consts::TAU * f64::from(number) / f64::from(of);
+    let corner = |number: u32| {
+        let (along, around) = (turn(number / AROUND, ALONG), turn(number % AROUND, AROUND));
+        let away = radius + 0.5 * thickness * around.cos();
+        [
+            away * along.cos(),
+            away * along.sin(),
+            0.5 * thickness * around.sin(),
+        ]
+    };
+    let corners: Vec<[f64; 3]> = (0..ALONG * AROUND).map(corner).collect();
+    let patch = |number: u32| {
+        let (along, around) = (number / AROUND, number % AROUND);
+        let at = |along: u32, around: u32| (along % ALONG) * AROUND + around % AROUND;
+        let [a, b, c, d] = [
+            at(along, around),
+            at(along + 1, around),
+            at(along + 1, around + 1),
+            at(along, around + 1),
+        ];
+        [[a, b, c], [a, c, d]]
+    };
+    let triangles: Vec<[u32; 3]> = (0..ALONG * AROUND).flat_map(patch).collect();
+    Shape::mesh(&corners, &triangles).unwrap()
+}
+
+/// An angle iron, with a concave edge: two plates of this width (m) at right angles to each other.
+fn angle(size: f64) -> Shape {
+    let [w, t] = [1.1 * size, 0.4 * size];
+    let section = [
+        [-w, -w],
+        [w, -w],
+        [w, t - w],
+        [t - w, t - w],
+        [t - w, w],
+        [-w, w],
+    ];
+    let corner = |[x, y]: [f64; 2], z: f64| [x, y, z];
+    let [below, above] = [-size, size].map(|z| section.map(|at| corner(at, z)));
+    let corners = [below, above].concat();
+    // Seen from above; below turned about.
+    let faces = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]];
+    let mut triangles: Vec<[u32; 3]> = faces.map(|[a, b, c]| [a + 6, b + 6, c + 6]).to_vec();
+    triangles.extend(faces.map(|[a, b, c]| [a, c, b]));
+    triangles.extend((0..6).flat_map(|a: u32| {
+        let b = (a + 1) % 6;
+        [[a, b, b + 6], [a, b + 6, a + 6]]
+    }));
+    Shape::mesh(&corners, &triangles).unwrap()
 }
