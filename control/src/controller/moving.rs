@@ -50,7 +50,8 @@ impl Default for MovingPredictiveSettings {
 /// ([`Lineariser`]), and one quadratic program improves the commands within the bounds of commands, rates and tensions (the real-time
 /// iteration; Diehl, Bock and Schloeder, SIAM J. Control Optim. 43, 2005). So it foresees how the robot swings, and damps it.
 ///
-/// The model is the robot as it was given: payloads and offsets of servos that were estimated at rest are not in it.
+/// The model is the robot as it was given: payloads and offsets of servos that were estimated at rest are not in it. Friction of its tendons is in
+/// its motion, not in the derivatives, which are of the robot without it: the program improves on them from period to period.
 #[derive(Clone, Debug, Default)]
 pub struct MovingPredictive {
     /// How it looks ahead.
@@ -105,7 +106,7 @@ impl Controller for MovingPredictive {
     }
 }
 
-/// The robot without friction of its tendons, which steps that are linearised do not have.
+/// The robot without friction of its tendons: single steps are not linearised with it.
 fn smooth(robot: &Robot) -> Robot {
     let mut spec = robot.spec().clone();
     for tendon in spec.tendon_specs_mut() {
@@ -119,14 +120,14 @@ fn smooth(robot: &Robot) -> Robot {
 struct Model {
     robot: Robot,
     loads: Loads,
-    stepper: Stepper,
     lineariser: Lineariser,
     /// Time steps of a period.
     steps: usize,
     /// When it is (s).
     time: f64,
-    /// Its state under each delay, none at first, and where the tip is measured from there (m).
+    /// Its state under each delay, none at first, what moves it and knows how its tendons rub, and where the tip is measured from there (m).
     states: Vec<State>,
+    steppers: Vec<Stepper>,
     offsets: Vec<Vector3<f64>>,
     /// Which of them is true.
     delay: DelayChoice,
@@ -138,7 +139,7 @@ impl Model {
     /// At rest under the command that acts.
     fn at_rest(moment: &mut Moment<'_>, timestep: f64) -> Result<Self, ControlError> {
         let given: &mut Belief = moment.given;
-        let (robot, loads) = (smooth(given.robot()), given.loads().clone());
+        let (robot, loads) = (given.robot().clone(), given.loads().clone());
         let steps = (moment.period / timestep).ceil().max(1.0);
         let step = moment.period / steps;
         let state = State {
@@ -150,8 +151,8 @@ impl Model {
         let delays = moment.delay.most() + 1;
         let offset = moment.tip - tip(&robot, &state);
         Ok(Self {
-            lineariser: Lineariser::new(&robot, step)?,
-            stepper,
+            lineariser: Lineariser::new(&smooth(&robot), step)?,
+            steppers: vec![stepper; delays],
             steps: steps as usize,
             time: moment.time,
             states: vec![state; delays],
@@ -170,10 +171,11 @@ impl Model {
         for _ in 0..periods as usize {
             self.given.push_front(moment.command.to_vec());
             self.given.pop_back();
-            for (state, command) in self.states.iter_mut().zip(&self.given) {
+            let moving = self.states.iter_mut().zip(&mut self.steppers);
+            for ((state, stepper), command) in moving.zip(&self.given) {
                 let command = self.robot.command(command)?;
                 for _ in 0..self.steps {
-                    self.stepper.step(state, &command, &self.loads)?;
+                    stepper.step(state, &command, &self.loads)?;
                 }
             }
         }
@@ -194,11 +196,11 @@ impl Model {
         offset: Vector3<f64>,
     ) -> Result<Prediction, ControlError> {
         let delay = self.delay.periods();
-        let mut state = self.states[delay].clone();
+        let (mut state, mut stepper) = (self.states[delay].clone(), self.steppers[delay].clone());
         for command in self.given.iter().take(delay).rev() {
             let command = self.robot.command(command)?;
             for _ in 0..self.steps {
-                self.stepper.step(&mut state, &command, &self.loads)?;
+                stepper.step(&mut state, &command, &self.loads)?;
             }
         }
         let (dof, tendons) = (self.robot.dof(), self.robot.tendons().len());
@@ -213,7 +215,7 @@ impl Model {
                 by_commands = step.a * by_commands;
                 let mut own = by_commands.columns_mut(i * tendons, tendons);
                 own += step.b;
-                self.stepper.step(&mut state, &command, &self.loads)?;
+                stepper.step(&mut state, &command, &self.loads)?;
             }
             let target = (moment.target)(delay + 1 + i) - offset;
             let stage = prediction.stage(i);

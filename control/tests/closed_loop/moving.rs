@@ -105,6 +105,48 @@ fn it_keeps_tensions_where_they_may_be_and_makes_up_for_a_delay() {
     assert!((0.95 * MOST..1.02 * MOST).contains(&most), "{most}");
 }
 
+/// A robot whose tendons rub in their holes, led along a circle by a model of it and by one that knows nothing of that.
+#[test]
+fn friction_in_its_model_takes_most_of_the_error_that_friction_makes() {
+    let smooth = hanging();
+    let mut spec = smooth.spec().clone();
+    (spec.tendon_specs_mut()).for_each(|tendon| tendon.set_friction(0.2));
+    let rough = Robot::new(spec.clone()).unwrap();
+    let path = circle(5.0);
+    let start = first_command(&smooth, &path);
+    let errors = [&smooth, &rough].map(|model| {
+        let mut truth = Truth::ideal(model);
+        truth.robot = spec.clone();
+        truth.physics = Physics::InMotion {
+            timestep: 0.002,
+            friction: None,
+        };
+        let mut plant = SimulatedPlant::new(&truth, PERIOD, &start, 0).unwrap();
+        let settings = TrackingSettings {
+            limits: Limits::new(model, PERIOD, Some(0.5), [0.0, MOST]).unwrap(),
+            ..settings(model)
+        };
+        let controller = &mut MovingPredictive::default();
+        let run = track(
+            &mut plant,
+            model,
+            &start,
+            &path,
+            controller,
+            &settings,
+            &mut |_| true,
+        );
+        let run = run.unwrap();
+        assert_eq!(run.stopped, None);
+        run.rms_error().unwrap()
+    });
+    eprintln!("{errors:?} m");
+    assert!(
+        errors[1] < 0.2 * errors[0] && errors[1] < 5e-4,
+        "{errors:?}"
+    );
+}
+
 #[test]
 fn servos_that_follow_late_are_refused_by_name() {
     let mut spec = hanging().spec().clone();
