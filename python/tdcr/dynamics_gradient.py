@@ -259,9 +259,9 @@ def rollout_jvp(
     if question.norms is not None:
         # Of a rotation that was given as a longer quaternion.
         given[1] = given[1] / question.norms
-    *others, by_motions, by_compliance, by_base = given
-    by_obstacles = np.concatenate([by_motions, by_compliance[..., np.newaxis]], axis=-1)
-    native = (*others, of_wrenches, by_obstacles, by_base)
+    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters, by_motions, by_compliance, by_base = given
+    around = np.concatenate([by_motions, by_compliance[..., np.newaxis]], axis=-1), by_base
+    native = (by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters, of_wrenches, *around)
     found = _tdcr.rollout_jvp_rows(*question.arguments(), native, names, progress)
     failures = {row: why for row, _, why in found.failures}
     return RolloutTangents(found.positions, found.quaternions, found.velocity, failures)

@@ -233,7 +233,9 @@ impl ContactSensitivity {
             gradient.base.position -= force;
             gradient.base.rotation -= (contact.point - self.base).cross(&force) + couple;
         }
-        gradient.base.rotation += DeadForces::pull_back_base(&self.dead, &self.moments, &motions);
+        let virtual_motions = motions.iter().map(|own| [own.position, own.rotation]);
+        gradient.base.rotation +=
+            DeadForces::pull_back_base(&self.dead, &self.moments, virtual_motions);
         for (cotangent, position) in cotangents.iter().zip(&self.chain.positions) {
             gradient.base.position += cotangent.position;
             gradient.base.rotation +=

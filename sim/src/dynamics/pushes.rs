@@ -6,18 +6,15 @@
 //! velocity `V` about the base's origin. A turn by the motion `X` of a joint takes the disc, and changes `V` by `X × (V - V_below)`; so
 //! sums over the discs above each joint give all derivatives in O(n), and `X` may be a longer joint as well.
 
-use std::fmt::Debug;
-
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Vector3, Vector6};
 
 use super::composite::cross_force;
 use super::expansion::StepExpansion;
 use super::obstacles::ObstacleGradient;
 use super::reaction::{Reaction, torques_of};
-use super::{DynamicsError, State, Stepper};
 use crate::factor::{ChainLu, ChainMatrix, ContactLu, Inflow, RubbedMatrix, Side};
 use crate::model_tangent::ModelTangent;
-use crate::robot::{Command, HingeAxes, Loads};
+use crate::robot::HingeAxes;
 
 /// An impulse on a disc and its derivatives: by the velocity of its point `dp = -inertance du`, and so on.
 #[derive(Clone, Debug)]
@@ -84,34 +81,6 @@ pub(super) fn symmetric_forms(pushes: &[Push], centres: &[Vector3<f64>]) -> Opti
         forms[push.disc].push(&arm, &Vector3::zeros(), inertance);
     }
     Some(forms)
-}
-
-/// What a robot moves among, as derivatives of its steps take it.
-pub(crate) trait Surroundings: Debug + Send + Sync {
-    /// Takes the step from `before`; returns the accelerations of the joints' coordinates (rad/s²), and sets the pushes in it.
-    fn step(
-        &mut self,
-        before: &State,
-        command: &Command,
-        loads: &Loads,
-        pushes: &mut Vec<Push>,
-    ) -> Result<&[f64], DynamicsError>;
-
-    fn boxed(&self) -> Box<dyn Surroundings>;
-
-    /// The stepper of the robot.
-    fn stepper(&mut self) -> &mut Stepper;
-
-    /// Where the origin of each obstacle is (m).
-    fn obstacles(&self) -> Vec<Vector3<f64>> {
-        Vec::new()
-    }
-}
-
-impl Clone for Box<dyn Surroundings> {
-    fn clone(&self) -> Self {
-        self.as_ref().boxed()
-    }
 }
 
 /// The step's matrix with the inertances of the pushes in it, factorised in O(n) and a dense matrix of the pairs of discs that push each

@@ -13,11 +13,12 @@ use super::expansion::StepExpansion;
 use super::inertia_cotangent::pull_back_inertia;
 use super::jacobians::step_jacobians;
 use super::obstacles::ObstacleGradient;
-use super::pushes::{Push, PushedMatrix, Surroundings, pull_back_pushes, symmetric_forms};
+use super::pushes::{Push, PushedMatrix, pull_back_pushes, symmetric_forms};
 use super::reaction::Reaction;
 use super::rollout::StepLoads;
 use super::rubbing::{RubbedStep, Rubbing, first_rubbing};
 use super::servos::Acting;
+use super::surroundings::Surroundings;
 use super::{DynamicsError, Integrator, Rollout, State, Stepper};
 use crate::chain::Configuration;
 use crate::energy::DeadForces;
@@ -221,15 +222,11 @@ impl StepAdjoint {
             centre += turn.cross(&(chain.centres[k] - below));
             below = chain.centres[k];
             turn += multiplier;
-            PoseTangent {
-                position: centre + turn.cross(&(chain.positions[k] - below)),
-                rotation: turn,
-            }
+            [centre + turn.cross(&(chain.positions[k] - below)), turn]
         });
-        let motions: Vec<PoseTangent> = motions.collect();
         let dead = equations.forces.dead.wrenches(chain);
-        let moments = loads.world_moments(motions.len());
-        *rotation += DeadForces::pull_back_base(&dead, &moments, &motions);
+        let moments = loads.world_moments(dead.len());
+        *rotation += DeadForces::pull_back_base(&dead, &moments, motions);
     }
 
     /// Whether it is of a robot among surroundings.

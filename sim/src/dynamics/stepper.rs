@@ -10,7 +10,6 @@ use super::implicit::ImplicitEuler;
 use super::integrator::{Integrator, LARGEST_TURN};
 use super::links::Link;
 use super::midpoint::ImplicitMidpoint;
-use super::pushes::{Push, Surroundings};
 use super::rubbing::{MAX_REVISIONS, Rubbing, first_rubbing};
 use super::runge_kutta::RungeKutta;
 use super::{DynamicsError, Energy, State};
@@ -256,28 +255,6 @@ impl Stepper {
             None => command,
         };
         Ok(self.equations.energy(state, command.as_slice()))
-    }
-}
-
-impl Surroundings for Stepper {
-    fn step(
-        &mut self,
-        before: &State,
-        command: &Command,
-        loads: &Loads,
-        pushes: &mut Vec<Push>,
-    ) -> Result<&[f64], DynamicsError> {
-        Self::step(self, &mut before.clone(), command, loads)?;
-        self.add_pushes(before, pushes);
-        Ok(&self.accelerations)
-    }
-
-    fn boxed(&self) -> Box<dyn Surroundings> {
-        Box::new(self.clone())
-    }
-
-    fn stepper(&mut self) -> &mut Stepper {
-        self
     }
 }
 

@@ -9,7 +9,6 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::chain::Chain;
-use crate::pose::PoseTangent;
 use crate::robot::{Frame, Loads, Robot};
 
 /// Dead forces on the discs of a robot, world frame.
@@ -140,19 +139,19 @@ impl DeadForces {
         wrenches
     }
 
-    /// Derivatives by a rotation of the base (rad, world axes) of a cost that has these derivatives by forces on the discs' origins and by
-    /// moments: seen from the base, dead `wrenches` ([`DeadForces::wrenches`]) and `moments` turn the other way.
+    /// Derivatives by a rotation of the base (rad, world axes) of a cost that has these derivatives by a force on each disc's origin and by a
+    /// moment: seen from the base, dead `wrenches` ([`DeadForces::wrenches`]) and `moments` turn the other way.
     pub fn pull_back_base(
         wrenches: &[(Vector3<f64>, Matrix3<f64>)],
         moments: &[Vector3<f64>],
-        cotangents: &[PoseTangent],
+        cotangents: impl IntoIterator<Item = [Vector3<f64>; 2]>,
     ) -> Vector3<f64> {
         let dead = wrenches.iter().zip(moments).zip(cotangents);
-        dead.map(|(((force, couples), moment), by)| {
-            couples.tr_mul(&by.rotation)
-                - by.rotation * couples.trace()
-                - force.cross(&by.position)
-                - moment.cross(&by.rotation)
+        dead.map(|(((force, couples), moment), [by_force, by_moment])| {
+            couples.tr_mul(&by_moment)
+                - by_moment * couples.trace()
+                - force.cross(&by_force)
+                - moment.cross(&by_moment)
         })
         .sum()
     }
