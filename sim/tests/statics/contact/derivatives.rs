@@ -123,8 +123,8 @@ fn moved(pose: &Isometry3<f64>, motion: &PoseTangent, step: f64) -> Isometry3<f6
     Isometry3::from_parts(position.into(), turn * pose.rotation)
 }
 
-/// Checks all derivatives at so many poses of a robot: 99 % are within 1e-6, and the others within `most`, of the differences.
-fn assert_derivatives(name: &str, poses: usize, most: f64) {
+/// Checks all derivatives at so many poses of a robot: a `share` of them is within 1e-6, and the others within `most`, of the differences.
+fn assert_derivatives(name: &str, poses: usize, [share, most]: [f64; 2]) {
     let robot = Robot::load(name).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut worst = [0.0_f64; 6];
@@ -193,24 +193,24 @@ fn assert_derivatives(name: &str, poses: usize, most: f64) {
     eprintln!(
         "{name}: {exact} of {checked} derivatives within 1e-6; beyond the differences' own error {worst:?}"
     );
-    assert!(checked > 5 * poses && exact as f64 > 0.99 * checked as f64);
+    assert!(checked > 5 * poses && exact as f64 > share * checked as f64);
     assert!(worst.iter().all(|error| *error < most), "{worst:?}");
 }
 
 #[test]
 fn derivatives_of_two_modules_are_those_of_differences() {
-    assert_derivatives("2m", 500, 1e-6);
+    assert_derivatives("2m", 500, [0.99, 1e-6]);
 }
 
 #[test]
 fn derivatives_of_three_modules_are_those_of_differences() {
-    assert_derivatives("3m", 150, 1e-6);
+    assert_derivatives("3m", 150, [0.99, 1e-6]);
 }
 
 /// A few are less exact, of robots that many contacts hold in a pipe.
 #[test]
 fn derivatives_of_five_modules_are_those_of_differences() {
-    assert_derivatives("5m", 150, 1e-4);
+    assert_derivatives("5m", 150, [0.97, 1e-4]);
 }
 
 /// The gradient of a cost is the transpose of what moves the poses.
