@@ -157,7 +157,7 @@ def test_smoothing_gives_gradients_by_obstacles_that_are_not_touched() -> None:
     torch = pytest.importorskip("torch")
     import tdcr.torch
 
-    command = torch.tensor([0.034, 0.007, 0.001, 0.026, 0.015, 0.019])
+    command = torch.tensor([0.034, 0.007, 0.001, 0.026, 0.015, 0.019], dtype=torch.float64)
     exact = Scene([Obstacle.cylinder("post", 0.01, 0.4, position=(-0.15, 0.0, 0.25), compliance=1e-5)])
     smooth = exact.with_smoothing(1e-4)
     assert (exact.smoothing, smooth.smoothing) == (0.0, 1e-4) and smooth != exact
