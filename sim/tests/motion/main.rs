@@ -9,5 +9,7 @@ mod flutter;
 mod objects;
 #[path = "../common/random_robot.rs"]
 mod random_robot;
+#[path = "../common/scenes.rs"]
+mod scenes;
 mod simulation;
 mod tendon_friction;

@@ -7,8 +7,7 @@ use tdcr_sim::dynamics::{DynamicsError, Integrator, State};
 use tdcr_sim::robot::{Loads, Robot};
 use tdcr_sim::scene::{Obstacle, Scene};
 
-use super::scenes::scene;
-use super::{among, beads};
+use super::{among, beads, scene};
 use crate::random_robot::within;
 
 #[test]

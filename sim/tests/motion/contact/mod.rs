@@ -4,18 +4,28 @@ mod friction;
 mod hostile;
 mod itself;
 mod rest;
-#[path = "../../statics/contact/scenes.rs"]
-mod scenes;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
 use tdcr_sim::robot::Robot;
 use tdcr_sim::scene::Scene;
 
+use crate::scenes;
+
 fn among(robot: &Robot, scene: &Scene, h: f64, integrator: Integrator) -> ContactStepper {
     let stepper = Stepper::new(robot, h, integrator).unwrap();
     ContactStepper::new(stepper, scene).unwrap()
+}
+
+/// A random scene of convex obstacles and straight pipes.
+fn scene(rng: &mut ChaCha8Rng, robot: &Robot) -> Scene {
+    scenes::scene(rng, robot, |rng, name, place| {
+        let kind = rng.random_range(0..7);
+        place.plain(rng, name, kind)
+    })
 }
 
 /// Orientation of each disc in the world.

@@ -8,8 +8,7 @@ use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::robot::{Loads, Robot};
 use tdcr_sim::scene::{ContactLaw, Impedance, Obstacle, Scene};
 
-use super::scenes::scene;
-use super::{among, orientations};
+use super::{among, orientations, scene};
 use crate::random_robot::within;
 
 fn post() -> Scene {

@@ -1,71 +1,37 @@
-//! Random scenes.
+//! Random scenes with bent pipes, and with concave meshes: rings and angle irons.
 
-use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::geometry::Shape;
-use tdcr_sim::robot::{Loads, Robot};
+use tdcr_sim::robot::Robot;
 use tdcr_sim::scene::{Obstacle, ObstacleShape, Scene};
+
+use crate::scenes::{self, Place};
 
 /// A random scene of 1 to 5 obstacles of all shapes about a robot; a few are in the way of the straight robot.
 pub fn scene(rng: &mut ChaCha8Rng, robot: &Robot) -> Scene {
-    let straight = robot.settle(&robot.mean_command(), &Loads::default());
-    let low = robot.spec().base.position[2];
-    let high = straight.positions[straight.positions.len() - 1].z;
-    let count = rng.random_range(1..=5);
-    let obstacles = (0..count).map(|number| obstacle(rng, &number.to_string(), [low, high]));
-    Scene::new(obstacles.collect()).unwrap()
+    scenes::scene(rng, robot, obstacle)
 }
 
-fn obstacle(rng: &mut ChaCha8Rng, name: &str, [low, high]: [f64; 2]) -> Obstacle {
-    let size = rng.random_range(0.01..0.05);
-    let around = rng.random_range(0.0..std::f64::consts::TAU);
-    let out = Vector3::new(f64::cos(around), f64::sin(around), 0.0);
-    let axis = Vector3::from_fn(|_, _| rng.random_range(-3.0..3.0));
-    let height = rng.random_range(low..high);
-    let solid = match rng.random_range(0..10) {
-        0 => {
-            let mut wall = Obstacle::half_space(name);
-            wall.pose.translation = Translation3::from(out * rng.random_range(0.03..0.1));
-            wall.pose.rotation = UnitQuaternion::rotation_between(&Vector3::z(), &-out).unwrap();
-            return wall;
-        }
-        1 => {
-            let pipe = Obstacle::pipe(name, rng.random_range(0.03..0.06), 0.5).unwrap();
-            return pipe.at([0.0, 0.0, height + 0.25]);
-        }
+fn obstacle(rng: &mut ChaCha8Rng, name: &str, place: &Place) -> Obstacle {
+    match rng.random_range(0..10) {
         2 => {
             let radius = rng.random_range(0.03..0.06);
             let bent = Obstacle::pipe_along(name, radius, &bends(rng, radius)).unwrap();
-            return bent.at([0.0, 0.0, height]);
+            bent.at([0.0, 0.0, place.height])
         }
         3 => {
             let [far, thick] = [rng.random_range(0.05..0.08), rng.random_range(0.01..0.02)];
             let ring = Obstacle::new(name, ObstacleShape::Solid(torus(far, thick)));
-            return ring.at([0.0, 0.0, height]);
+            ring.at([0.0, 0.0, place.height])
         }
-        4 => Ok(Obstacle::new(name, ObstacleShape::Solid(angle(size)))),
-        5 => Obstacle::sphere(name, size),
-        6 => Obstacle::capsule(name, 0.5 * size, 4.0 * size),
-        7 => Obstacle::cuboid(name, [2.0 * size, size, 2.0 * size]),
-        8 => Ok(Obstacle::new(
-            name,
-            ObstacleShape::Solid(tetrahedron(1.4 * size)),
-        )),
-        _ => Obstacle::cylinder(name, size, 1.4 * size),
-    };
-    let mut solid = solid.unwrap();
-    let away = 0.023 + size * 1.8 + rng.random_range(0.0..0.05);
-    solid.pose.translation = Translation3::from(out * away + Vector3::z() * height);
-    solid.pose.rotation = UnitQuaternion::from_scaled_axis(axis);
-    solid
-}
-
-/// A mesh whose corners are this far from the origin (m).
-fn tetrahedron(size: f64) -> Shape {
-    let s = size / 3.0_f64.sqrt();
-    let corners = [[s, s, s], [s, -s, -s], [-s, s, -s], [-s, -s, s]];
-    Shape::mesh(&corners, &[[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]).unwrap()
+        4 => {
+            let iron = Obstacle::new(name, ObstacleShape::Solid(angle(place.size)));
+            place.beside(rng, iron)
+        }
+        straight @ 0..2 => place.plain(rng, name, straight),
+        convex => place.plain(rng, name, convex - 3),
+    }
 }
 
 /// A line for a pipe of a radius (m) that bends to and fro about the straight robot, and away above it.
