@@ -105,7 +105,7 @@ def sections(program):
 
 def wheel(tools, dist, python):
     """The wheel, in the smallest build that runs on the oldest systems."""
-    options = ["--profile", "dist", "--locked", "--interpreter", python, "--out", dist]
+    options = ["--profile", "dist", "--locked", "--interpreter", python, "--out", dist, "--compression-level", "9"]
     if ON_LINUX:
         options += ["--compatibility", PLATFORM]
     run(tools.maturin, "build", *options, "--", *tools.linker())
