@@ -144,7 +144,7 @@ fn first(joints: usize, held: &HeldLengths) -> Vec<Vector3<f64>> {
 /// Factorises the Hessian with its eigenvalues shifted so far that they are positive; returns the shift (N m/rad).
 fn factorise_shifted(factor: &mut Factor, expansion: &Expansion) -> Option<f64> {
     let positive = factor.factorise(expansion, 0.0) == Curvature::Positive;
-    if positive && factor.smallest > SMALL * factor.largest {
+    if positive && factor.smallest() > SMALL * factor.largest {
         return Some(0.0);
     }
     let scale = expansion.scale();

@@ -45,8 +45,9 @@ fn coarse_paths_settle_in_few_steps() {
                 let other = settler.settle(&command, &Loads::default()).unwrap();
                 let [own, beside] = [found, other].map(|found| found.equilibrium.positions.last());
                 let apart = (own.unwrap() - beside.unwrap()).norm();
-                assert!(!(1e-9..1e-5).contains(&apart), "{name}: {apart} m");
-                same += usize::from(apart < 1e-9);
+                // Moments of 1e-9 N m, which both may leave, bend 5m by nanometres.
+                assert!(!(1e-8..1e-5).contains(&apart), "{name}: {apart} m");
+                same += usize::from(apart < 1e-8);
             }
         }
         steps.sort_unstable();
