@@ -58,6 +58,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0, help="of noise and spools")
     parser.add_argument("--post", type=float, nargs=2, default=[0.03, 0.28], help="x and z of the obstacle (m)")
+    parser.add_argument("--only", help="the rows whose names have this in them")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         path, post = Path(folder, "path.csv"), Path(folder, "post.toml")
@@ -74,6 +75,8 @@ def main() -> None:
         names = [f"`{name}`" for name in args.controllers]
         print(f"| disturbance | in open loop | {' | '.join(names)} |\n|---|{'---|' * (1 + len(names))}")
         for case, options in cases.items():
+            if args.only is not None and args.only not in case:
+                continue
             cells, open_loop = [], ""
             for controller in args.controllers:
                 command = [args.tdcr, "track", "--robot", ROBOT, "--path", str(path), "--period", "0.1", "--noise", "1e-4"]

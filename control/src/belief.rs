@@ -80,6 +80,8 @@ pub enum BeliefError {
 pub struct Belief {
     robot: Robot,
     settling: Settling,
+    /// Where the robot rests among obstacles now; `None` before that is known.
+    resting: Option<Configuration>,
     loads: Loads,
     /// Length of each tendon in the straight pose (m).
     straight: Vec<f64>,
@@ -138,6 +140,7 @@ impl Belief {
         Ok(Self {
             straight: robot.tendon_kinematics(&Configuration::straight(&robot)).0,
             settling: Settling::Alone(Box::new(Settler::new(&robot))),
+            resting: None,
             values: DVector::zeros(unknowns.len()),
             unknowns: unknowns.to_vec(),
             loads: loads.clone(),
@@ -208,12 +211,31 @@ impl Belief {
         let (got, loads) = (self.pulled(command)?, self.all_loads()?);
         let found = match &mut self.settling {
             Settling::Alone(settler) => settler.follow(&got, &loads),
-            Settling::Among(settler) => &settler.follow(&got, &loads)?.equilibrium,
+            Settling::Among(settler) => match &self.resting {
+                Some(start) => &settler.settle_from(start, &got, &loads)?.equilibrium,
+                None => &settler.follow(&got, &loads)?.equilibrium,
+            },
         };
         match found.failure(&self.robot, &got) {
             None => Ok(found),
             Some(failure) => Err(failure.into()),
         }
+    }
+
+    /// Whether there are obstacles in it.
+    pub fn is_among_obstacles(&self) -> bool {
+        matches!(self.settling, Settling::Among(_))
+    }
+
+    /// Takes the robot to rest under `command` (m or N) now, from where it rested before. Beside an obstacle there are several equilibria
+    /// of a command, of which a robot comes to one near where it was: those of other commands are sought from here on from this one.
+    ///
+    /// # Errors
+    /// As [`settle`](Self::settle); it then counts as resting where it did.
+    pub fn rest(&mut self, command: &[f64]) -> Result<(), BeliefError> {
+        let found = self.settle(command)?.configuration.clone();
+        self.resting = matches!(self.settling, Settling::Among(_)).then_some(found);
+        Ok(())
     }
 
     /// Where the tip rests under `command` (m, world frame).

@@ -72,6 +72,8 @@ fn reach(
             break;
         }
     }
+    // In open loop the robot is where the model led it.
+    model.rest(&command)?;
     Ok(command)
 }
 

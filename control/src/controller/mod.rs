@@ -31,6 +31,9 @@ use thiserror::Error;
 use crate::belief::{Belief, BeliefError};
 use crate::lag::Delay;
 
+/// Steps that are tried: the whole one, its half and its quarter.
+const TRIED_STEPS: i32 = 3;
+
 /// What a controller decides on.
 pub struct Moment<'a> {
     /// When it is (s, from the path's start).
@@ -66,6 +69,43 @@ impl Moment<'_> {
     fn beside_model(&self, from: &[f64], to: &[f64]) -> Vector3<f64> {
         let change = to.iter().zip(from).map(|(to, from)| to - from);
         self.jacobian_correction * DVector::from_iterator(to.len(), change)
+    }
+
+    /// `next`, or a part of the change that leads there, by what the model among obstacles says of it: near where a robot comes free of an obstacle
+    /// its tip follows no Jacobian. The step is halved as long as it leaves the tip farther from its target than no step would (backtracking:
+    /// Nocedal and Wright, Numerical Optimization, ch. 3.1), and of the steps tried the best is taken. `beside` is where the tip is beside the
+    /// model when it follows the command (m).
+    ///
+    /// # Errors
+    /// [`ControlError::Model`] where the model does not settle.
+    fn backtracked(
+        &mut self,
+        next: Vec<f64>,
+        beside: Vector3<f64>,
+    ) -> Result<Vec<f64>, ControlError> {
+        if !self.estimated.is_among_obstacles() {
+            return Ok(next);
+        }
+        let (from, target) = (self.command, (self.target)(self.lead));
+        let mut error = |command: &[f64]| -> Result<f64, ControlError> {
+            let tip = self.estimated.tip(command)? + self.beside_model(self.acting, command);
+            Ok((target - tip - beside).norm())
+        };
+        let without = error(from)?;
+        let mut best = (f64::INFINITY, next.clone());
+        for halvings in 0..TRIED_STEPS {
+            let part = 0.5_f64.powi(halvings);
+            let pairs = from.iter().zip(&next);
+            let tried: Vec<f64> = pairs.map(|(from, to)| from + part * (to - from)).collect();
+            let left = error(&tried)?;
+            if left < best.0 {
+                best = (left, tried);
+            }
+            if left <= without {
+                break;
+            }
+        }
+        Ok(best.1)
     }
 }
 

@@ -231,7 +231,7 @@ impl Estimator {
         measurement: &Measurement,
     ) -> Result<(), BeliefError> {
         let Some(found) = self.descend(prior, command, measurement, 1.0)? else {
-            return Ok(());
+            return self.belief.rest(command);
         };
         self.innovation = Some((found.squared, found.coordinates));
         let degrees = found.coordinates as f64;
@@ -242,7 +242,7 @@ impl Estimator {
             false => Some(found),
         };
         // The values are kept only where the model settles with them.
-        self.belief.settle(command)?;
+        self.belief.rest(command)?;
         if let Some(found) = found {
             self.covariance = (&found.covariance + found.covariance.transpose()) / 2.0;
         }

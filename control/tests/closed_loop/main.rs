@@ -8,6 +8,7 @@ mod moving;
 mod obstacles;
 mod paths;
 mod plants;
+mod posts;
 mod quadratic;
 mod safety;
 mod tracking;
