@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tdcr._arrays import Floats, as_float, as_quaternions
 from tdcr.errors import InputError, NotSettledError
+from tdcr.loads import Loads
 from tdcr.robot import Robot, robots_at
 from tdcr.scene import Scene, as_scene, nothing
 from tdcr.scene_gradient import base_jacobian, obstacle_jacobian, scene_vjp
@@ -90,6 +91,7 @@ class Problem:
     wrench: Floats
     poses: Floats
     base: Floats
+    line: Floats
     scene: Scene | None
 
     @classmethod
@@ -103,9 +105,10 @@ class Problem:
             arguments: Commands, shape (..., tendons) (m or N); payloads, shape (...) (kg); wrenches, shape (..., n, 6), world
                 frame (N, N m); values of the parameters, shape (..., p), or (p,) for all rows; position (m) and quaternion
                 (w, x, y, z) of each obstacle, shape (..., m, 7), of none, shape (..., 0, 7), where they are those of the scene;
-                and those of the base, shape (..., 1, 7), or (..., 0, 7) where they are the robot's own.
+                those of the base, shape (..., 1, 7), or (..., 0, 7) where they are the robot's own; and force for each length of
+                the backbone, shape (..., 3), world frame (N/m).
         """
-        command, payload, wrench, values, poses, base = (np.asarray(argument) for argument in arguments)
+        command, payload, wrench, values, poses, base, line = (np.asarray(argument) for argument in arguments)
         robot, leading = robot_of(text), command.shape[:-1]
         bases = rows_of_poses(base, "base_quaternion", leading)
         return cls(
@@ -117,6 +120,7 @@ class Problem:
             as_rows(wrench, "wrench", leading, (robot.discs, 6)),
             rows_of_poses(poses, "obstacle_quaternions", leading),
             bases,
+            as_rows(line, "line", leading, (3,)),
             scene_of(scene),
         )
 
@@ -129,7 +133,14 @@ class Problem:
         if len(self.commands) == 0:
             discs = self.wrench.shape[1]
             return np.zeros((*self.leading, discs, 3)), np.zeros((*self.leading, discs, 4))
-        settled = settle_batch(self.robots, self.commands, self.payload, wrench=self.wrench, scene=self._scenes(slice(None)))
+        settled = settle_batch(
+            self.robots,
+            self.commands,
+            self.payload,
+            wrench=self.wrench,
+            loads=line_loads(self.line),
+            scene=self._scenes(slice(None)),
+        )
         failed = np.flatnonzero(~settled.converged)
         if failed.size and on_failure == "raise":
             residual = settled.residual[failed[0]]
@@ -148,7 +159,9 @@ class Problem:
         rows, discs = self.wrench.shape[:2]
         tendons = self.commands.shape[1]
         groups = self._groups()
-        chosen = [names if want else [] for names, want in zip(groups, wanted[:4], strict=True)]
+        # A line load is a force on each disc.
+        by = [wanted[0], wanted[1], wanted[2] or wanted[6], wanted[3]]
+        chosen = [names if want else [] for names, want in zip(groups, by, strict=True)]
         by_positions = np.asarray(by_positions, dtype=np.float64).reshape(rows, discs, 3)
         by_quaternions = np.asarray(by_quaternions, dtype=np.float64).reshape(rows, discs, 4)
         counts = by_positions.any(axis=(1, 2)) | by_quaternions.any(axis=(1, 2))
@@ -162,12 +175,17 @@ class Problem:
                 by_quaternions[counts],
                 self.payload[counts],
                 wrench=self.wrench[counts],
+                loads=line_loads(self.line[counts]),
                 scene=self._scenes(counts),
                 on_failure="nan",
             )
         ends = np.cumsum([len(names) for names in chosen])[:-1]
         shapes = [(tendons,), (), (discs, 6), (len(self.names),)]
-        parts = zip(np.split(gradient, ends, axis=1), chosen, shapes, strict=True)
+        split = np.split(gradient, ends, axis=1)
+        by_line = np.zeros((rows, 3))
+        if wanted[6]:
+            by_line = line_cotangent(self.robots, split[2].reshape(rows, discs, 6))
+        parts = zip(split, chosen, shapes, strict=True)
         by_poses, by_base = np.zeros(self.poses.shape), np.zeros(self.base.shape)
         if counts.any() and ((wanted[4] and self.poses.size) or (wanted[5] and self.base.size)):
             by_motions = scene_vjp(
@@ -178,6 +196,7 @@ class Problem:
                 self.payload[counts],
                 scene=self._among(counts),
                 wrench=self.wrench[counts],
+                loads=line_loads(self.line[counts]),
                 on_failure="nan",
             )
             if self.poses.size:
@@ -191,6 +210,7 @@ class Problem:
             ),
             by_poses.reshape((*self.leading, *self.poses.shape[1:])),
             by_base.reshape((*self.leading, *self.base.shape[1:])),
+            by_line.reshape((*self.leading, 3)),
         ]
 
     def tangent(self, rates: Sequence[Any]) -> tuple[Floats, Floats]:
@@ -199,7 +219,9 @@ class Problem:
         Rows that have not settled have changes that are not numbers, unless nothing of them changes.
         """
         rows, discs = self.wrench.shape[:2]
-        *rates, of_poses, of_base = rates
+        *rates, of_poses, of_base, of_line = rates
+        of_line = np.asarray(of_line, dtype=np.float64).reshape(rows, 3)
+        rates[2] = np.asarray(rates[2], dtype=np.float64).reshape(rows, discs, 6) + line_wrench(self.robots, of_line)
         flat = [np.asarray(rate, dtype=np.float64).reshape(rows, -1) if rows else np.zeros((0, 1)) for rate in rates]
         wanted = [bool(rate.any()) for rate in flat]
         positions, quaternions = np.zeros((rows, discs, 3)), np.zeros((rows, discs, 4))
@@ -214,6 +236,7 @@ class Problem:
                 by[counts],
                 self.payload[counts],
                 wrench=self.wrench[counts],
+                loads=line_loads(self.line[counts]),
                 scene=self._scenes(counts),
                 on_failure="nan",
             )
@@ -231,15 +254,17 @@ class Problem:
         """Change of positions and quaternions of some rows when their obstacles move, shape (rows, m, 6), and their bases, shape
         (rows, 1, 6), or (rows, 0, 6) where these stay."""
         robots, scene, given = chosen_robots(self.robots, chosen), self._among(chosen), self.payload[chosen]
-        commands, wrench = self.commands[chosen], self.wrench[chosen]
+        commands, wrench, loads = self.commands[chosen], self.wrench[chosen], line_loads(self.line[chosen])
         change = np.zeros((len(commands), wrench.shape[1], 6))
         for obstacle in range(obstacles.shape[1]):
-            jacobian = obstacle_jacobian(robots, commands, obstacle, given, scene=scene, wrench=wrench, on_failure="nan")
+            jacobian = obstacle_jacobian(
+                robots, commands, obstacle, given, scene=scene, wrench=wrench, loads=loads, on_failure="nan"
+            )
             change += np.einsum("rnij,rj->rni", jacobian[..., :6], obstacles[:, obstacle])
         if bases.any():
-            jacobian = base_jacobian(robots, commands, given, scene=scene, wrench=wrench, on_failure="nan")
+            jacobian = base_jacobian(robots, commands, given, scene=scene, wrench=wrench, loads=loads, on_failure="nan")
             change += np.einsum("rnij,rj->rni", jacobian, bases[:, 0])
-        turned = settle_batch(robots, commands, given, scene=scene, wrench=wrench).quaternions
+        turned = settle_batch(robots, commands, given, scene=scene, wrench=wrench, loads=loads).quaternions
         turning = np.concatenate([np.zeros((*change.shape[:2], 1)), change[..., 3:]], axis=-1)
         return change[..., :3], 0.5 * _product(turning, turned)
 
@@ -280,6 +305,33 @@ def poses_cotangent(poses: Floats, by_motions: Floats) -> Floats:
     turning = np.concatenate([np.zeros((*by_motions.shape[:-1], 1)), by_motions[..., 3:]], axis=-1)
     unit = poses[..., 3:] / (poses[..., 3:] ** 2).sum(axis=-1, keepdims=True)
     return np.concatenate([by_motions[..., :3], 2.0 * _product(turning, unit)], axis=-1)
+
+
+def line_loads(line: Floats) -> list[Loads] | None:
+    """Loads along the backbone for each row, from forces for each length, shape (rows, 3); of none where all are 0."""
+    return [Loads(line=tuple(row)) for row in line.tolist()] if line.any() else None
+
+
+def _shares(robots: Robot | list[Robot]) -> Floats:
+    """Length of the backbone that each disc bears the load of (m): half of that to each neighbour, shape (n,), or (rows, n)."""
+    if isinstance(robots, list):
+        return np.array([_shares(robot) for robot in robots])
+    origins = np.vstack([robots._native.base()[0], robots.straight_positions])
+    spans = np.linalg.norm(np.diff(origins, axis=0), axis=1)
+    shares: Floats = 0.5 * (spans + np.append(spans[1:], 0.0))
+    return shares
+
+
+def line_wrench(robots: Robot | list[Robot], line: Floats) -> Floats:
+    """Wrenches on the discs, shape (rows, n, 6), that loads along the backbone, shape (rows, 3), amount to."""
+    forces = _shares(robots)[..., None] * line[:, None]
+    return np.concatenate([forces, np.zeros_like(forces)], axis=-1)
+
+
+def line_cotangent(robots: Robot | list[Robot], by_wrench: Floats) -> Floats:
+    """The adjoint of :func:`line_wrench`."""
+    gradient: Floats = (_shares(robots)[..., None] * by_wrench[..., :3]).sum(axis=-2)
+    return gradient
 
 
 def rows_of_poses(poses: Any, quaternions: str, leading: tuple[int, ...]) -> Floats:

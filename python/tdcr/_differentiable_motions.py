@@ -13,6 +13,9 @@ from tdcr._arrays import Floats
 from tdcr._differentiable import (
     as_rows,
     chosen_robots,
+    line_cotangent,
+    line_loads,
+    line_wrench,
     motions_of,
     placed,
     poses_cotangent,
@@ -43,6 +46,7 @@ class MotionProblem:
     wrench: Floats
     poses: Floats
     base: Floats
+    line: Floats
     scene: Scene | None
     dt: float
     frame_skip: int
@@ -58,10 +62,10 @@ class MotionProblem:
             dt: Time step (s).
             frame_skip: Time steps for which each command holds.
             arguments: Commands, shape (..., T, tendons); configuration and velocity of the start, shapes (..., n, 4) and
-                (..., n, 3); payload, wrench, values, poses of obstacles and of the base as of :meth:`Problem.of`, a
+                (..., n, 3); payload, wrench, values, poses of obstacles and of the base and line load as of :meth:`Problem.of`, a
                 wrench for each command of shape (..., T, n, 6) as well.
         """
-        *given, payload, wrench, values, poses, base = (np.asarray(argument) for argument in arguments)
+        *given, payload, wrench, values, poses, base, line = (np.asarray(argument) for argument in arguments)
         commands, configuration, velocity = given
         robot, leading, discs = robot_of(text), commands.shape[:-2], robot_of(text).discs
         start = State(
@@ -79,6 +83,7 @@ class MotionProblem:
             as_rows(wrench, "wrench", leading, of_wrench),
             rows_of_poses(poses, "obstacle_quaternions", leading),
             bases,
+            as_rows(line, "line", leading, (3,)),
             scene_of(scene),
             dt,
             frame_skip,
@@ -100,6 +105,7 @@ class MotionProblem:
             self.commands,
             self.payload,
             wrench=self.wrench,
+            loads=line_loads(self.line),
             start=self.start,
             dt=self.dt,
             frame_skip=self.frame_skip,
@@ -124,7 +130,7 @@ class MotionProblem:
             np.asarray(by, dtype=np.float64).reshape(rows, steps, discs, width)
             for by, width in ((by_positions, 3), (by_quaternions, 4), (by_velocity, 3))
         ]
-        *gradients, by_poses, by_base = (np.zeros((rows, *shape)) for shape in self._shapes())
+        *gradients, by_poses, by_base, by_line = (np.zeros((rows, *shape)) for shape in self._shapes())
         counts = np.any([by.any(axis=(1, 2, 3)) for by in by_states], axis=0)
         if counts.any():
             found = rollout_vjp(
@@ -136,6 +142,7 @@ class MotionProblem:
                 self.payload[counts],
                 parameters=self.names,
                 wrench=self.wrench[counts],
+                loads=line_loads(self.line[counts]),
                 start=State(self.start.configuration[counts], self.start.velocity[counts]),
                 dt=self.dt,
                 frame_skip=self.frame_skip,
@@ -148,7 +155,9 @@ class MotionProblem:
                 by_poses[counts] = poses_cotangent(self.poses[counts], found.obstacles)
             if self.base.size:
                 by_base[counts] = poses_cotangent(self.base[counts], found.base[:, None])
-        return [gradient.reshape((*self.leading, *gradient.shape[1:])) for gradient in (*gradients, by_poses, by_base)]
+            by_wrench = found.wrench.sum(axis=1) if found.wrench.ndim == 4 else found.wrench
+            by_line[counts] = line_cotangent(chosen_robots(self.robots, counts), by_wrench)
+        return [gradient.reshape((*self.leading, *gradient.shape[1:])) for gradient in (*gradients, by_poses, by_base, by_line)]
 
     def tangent(self, rates: Sequence[Any]) -> tuple[Floats, Floats, Floats]:
         """Change of positions, quaternions and rates of the joints when all arguments of :meth:`of` change at ``rates``, of
@@ -164,7 +173,9 @@ class MotionProblem:
         for rate in by:
             counts |= rate.reshape(rows, int(np.prod(rate.shape[1:]))).any(axis=1)
         if counts.any():
-            *others, of_poses, of_base = (rate[counts] for rate in by)
+            *others, of_poses, of_base, of_line = (rate[counts] for rate in by)
+            along = line_wrench(chosen_robots(self.robots, counts), of_line)
+            others[4] = others[4] + (along[:, None] if others[4].ndim == 4 else along)
             moving = motions_of(self.poses[counts], of_poses) if of_poses.size else None
             based = motions_of(self.base[counts], of_base)[:, 0] if of_base.size else None
             found = rollout_jvp(
@@ -174,6 +185,7 @@ class MotionProblem:
                 self.payload[counts],
                 parameters=self.names,
                 wrench=self.wrench[counts],
+                loads=line_loads(self.line[counts]),
                 start=State(self.start.configuration[counts], self.start.velocity[counts]),
                 dt=self.dt,
                 frame_skip=self.frame_skip,
@@ -186,11 +198,11 @@ class MotionProblem:
 
     def _shapes(self) -> list[tuple[int, ...]]:
         """Shapes of a row of what motions are differentiated by, in the order of :meth:`of`: commands, start, payload, wrench,
-        values, poses of obstacles and of the base."""
+        values, poses of obstacles and of the base, line load."""
         discs = self.wrench.shape[-2]
         start = (discs, 4), (discs, 3)
         poses = self.poses.shape[1:], self.base.shape[1:]
-        return [self.commands.shape[1:], *start, (), self.wrench.shape[1:], (len(self.names),), *poses]
+        return [self.commands.shape[1:], *start, (), self.wrench.shape[1:], (len(self.names),), *poses, (3,)]
 
     def _scenes(self, chosen: Any) -> Scene | list[Scene] | None:
         """The scenes of some rows: one for all, or one for each."""

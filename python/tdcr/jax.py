@@ -32,6 +32,7 @@ def settle(
     payload: Any = 0.0,
     wrench: Any = None,
     *,
+    line: Any = None,
     parameters: Sequence[str] = (),
     values: Any = None,
     scene: Scene | None = None,
@@ -52,6 +53,8 @@ def settle(
         command: Shape (..., tendons) (m or N).
         payload: Mass hung from the last disc, shape (...) or one number (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (..., n, 6) or (n, 6).
+        line: Force for each length of the backbone, world frame (N/m), shape (..., 3) or (3,): each disc bears that of half the
+            backbone to each neighbour.
         parameters: Names of ``p`` physical parameters: see :mod:`tdcr.sensitivity`.
         values: Their values, shape (p,), or (..., p) for a robot of its own for each row.
         scene: Obstacles around the robots.
@@ -85,6 +88,7 @@ def settle(
         _rows(values, "values", dtype, leading, (len(names),)),
         _poses(scene, obstacle_positions, obstacle_quaternions, dtype, leading),
         _base(robot, base_position, base_quaternion, dtype, leading),
+        _rows(line, "line", dtype, leading, (3,)),
     )
     positions, quaternions = call(_settling(_Settling(robot.to_json(), names, chosen, scene_text(scene))), *arguments)
     return positions, quaternions
@@ -98,6 +102,7 @@ def rollout(
     payload: Any = 0.0,
     wrench: Any = None,
     *,
+    line: Any = None,
     parameters: Sequence[str] = (),
     values: Any = None,
     dt: float = 0.002,
@@ -125,6 +130,8 @@ def rollout(
         payload: Point mass on the last disc, shape (...) or one number (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, the same all along, shape (..., n, 6) or (n, 6); or one for
             each command, shape (..., T, n, 6), with all axes of ``commands`` in front.
+        line: Force for each length of the backbone, world frame (N/m), the same all along, shape (..., 3) or (3,), as of
+            :func:`settle`.
         parameters: Names of ``p`` physical parameters: see :mod:`tdcr.sensitivity`.
         values: Their values, shape (p,), or (..., p) for a robot of its own for each row.
         dt: Time step (s).
@@ -158,6 +165,7 @@ def rollout(
         _rows(values, "values", dtype, leading, (len(names),)),
         _poses(scene, obstacle_positions, obstacle_quaternions, dtype, leading),
         _base(robot, base_position, base_quaternion, dtype, leading),
+        _rows(line, "line", dtype, leading, (3,)),
     )
     steps = as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1)
     positions, quaternions, rates = call(_moving(_Moving(robot.to_json(), names, *steps, chosen, scene_text(scene))), *arguments)
@@ -222,7 +230,7 @@ class _Settling(NamedTuple):
 
     def adjoint(self, cotangents: Any, arguments: Any) -> Any:
         positions, quaternions = cotangents
-        return self.problem(arguments).adjoint(positions, quaternions, (True, True, True, bool(self.names), True, True))
+        return self.problem(arguments).adjoint(positions, quaternions, (True, True, True, bool(self.names), True, True, True))
 
     def tangent(self, changes: Any, arguments: Any) -> Any:
         return self.problem(arguments).tangent(changes)

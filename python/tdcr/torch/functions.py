@@ -23,6 +23,7 @@ def settle(
     payload: Tensor | float = 0.0,
     wrench: Tensor | None = None,
     *,
+    line: Tensor | None = None,
     parameters: Sequence[str] = (),
     values: Tensor | None = None,
     scene: Scene | None = None,
@@ -44,6 +45,8 @@ def settle(
         command: Shape (..., tendons) (m or N).
         payload: Mass hung from the last disc, shape (...) or one number (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (..., n, 6) or (n, 6).
+        line: Force for each length of the backbone, world frame (N/m), shape (..., 3) or (3,): each disc bears that of half the
+            backbone to each neighbour.
         parameters: Names of ``p`` physical parameters: see :mod:`tdcr.sensitivity`.
         values: Their values, shape (p,), or (..., p) for a robot of its own for each row.
         scene: Obstacles around the robots.
@@ -83,6 +86,7 @@ def settle(
         _rows(values, "values", command, leading, (len(names),)),
         _poses(scene, obstacle_positions, obstacle_quaternions, command, leading),
         _base(robot, base_position, base_quaternion, command, leading),
+        _rows(line, "line", command, leading, (3,)),
     )
     return operators.settle(arguments, robot.to_json(), names, chosen, scene_text(scene))
 
@@ -95,6 +99,7 @@ def rollout(
     payload: Tensor | float = 0.0,
     wrench: Tensor | None = None,
     *,
+    line: Tensor | None = None,
     parameters: Sequence[str] = (),
     values: Tensor | None = None,
     dt: float = 0.002,
@@ -122,6 +127,8 @@ def rollout(
         payload: Point mass on the last disc, shape (...) or one number (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, the same all along, shape (..., n, 6) or (n, 6); or one for
             each command, shape (..., T, n, 6), with all axes of ``commands`` in front.
+        line: Force for each length of the backbone, world frame (N/m), the same all along, shape (..., 3) or (3,), as of
+            :func:`settle`.
         parameters: Names of ``p`` physical parameters: see :mod:`tdcr.sensitivity`.
         values: Their values, shape (p,), or (..., p) for a robot of its own for each row.
         dt: Time step (s).
@@ -160,6 +167,7 @@ def rollout(
         _rows(values, "values", commands, leading, (len(names),)),
         _poses(scene, obstacle_positions, obstacle_quaternions, commands, leading),
         _base(robot, base_position, base_quaternion, commands, leading),
+        _rows(line, "line", commands, leading, (3,)),
     )
     steps = as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1)
     return operators.rollout(arguments, robot.to_json(), names, steps, chosen, scene_text(scene))

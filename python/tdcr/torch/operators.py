@@ -20,8 +20,8 @@ _SEPARATOR = ","
 
 
 def settle(arguments: Tensors, robot: str, names: Sequence[str], on_failure: OnFailure, scene: str) -> tuple[Tensor, Tensor]:
-    """Positions and quaternions; arguments are commands, payloads, wrenches, values, and poses of obstacles and of the base,
-    with the same leading axes."""
+    """Positions and quaternions; arguments are commands, payloads, wrenches, values, poses of obstacles and of the base,
+    and line loads, with the same leading axes."""
     text = _SEPARATOR.join(names)
     if _compiling():
         found: tuple[Tensor, Tensor] = _settle(*arguments, robot, text, on_failure, scene)
@@ -34,7 +34,7 @@ def rollout(
     arguments: Tensors, robot: str, names: Sequence[str], steps: tuple[float, int], on_failure: OnFailure, scene: str
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Positions, quaternions and rates of the joints; arguments are commands, configurations and velocities of the start,
-    payloads, wrenches, values and poses of obstacles, with the same leading axes."""
+    payloads, wrenches, values, poses of obstacles and of the base, and line loads, with the same leading axes."""
     text = _SEPARATOR.join(names)
     if _compiling():
         found: tuple[Tensor, Tensor, Tensor] = _rollout(*arguments, robot, text, *steps, on_failure, scene)
@@ -109,12 +109,13 @@ def _settle(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     on_failure: str,
     scene: str = "",
 ) -> tuple[Tensor, Tensor]:
-    problem = _problem((command, payload, wrench, values, poses, base), robot, names, scene)
+    problem = _problem((command, payload, wrench, values, poses, base, line), robot, names, scene)
     positions, quaternions = _of_type(command, problem.settle("raise" if on_failure == "raise" else "nan"))
     return positions, quaternions
 
@@ -127,6 +128,7 @@ def _(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     on_failure: str,
@@ -147,16 +149,17 @@ def _settle_backward(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     wanted: Sequence[bool],
     scene: str = "",
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    arguments = command, payload, wrench, values, poses, base
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    arguments = command, payload, wrench, values, poses, base, line
     positions, quaternions = _arrays((by_positions, by_quaternions))
     found = _problem(arguments, robot, names, scene).adjoint(positions, quaternions, wanted)
-    by_command, by_payload, by_wrench, by_values, by_poses, by_base = _like(arguments, found)
-    return by_command, by_payload, by_wrench, by_values, by_poses, by_base
+    by_command, by_payload, by_wrench, by_values, by_poses, by_base, by_line = _like(arguments, found)
+    return by_command, by_payload, by_wrench, by_values, by_poses, by_base, by_line
 
 
 @_settle_backward.register_fake
@@ -169,13 +172,14 @@ def _(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     wanted: Sequence[bool],
     scene: str = "",
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
     loads = _empty_like(payload), _empty_like(wrench)
-    return _empty_like(command), *loads, _empty_like(values), _empty_like(poses), _empty_like(base)
+    return _empty_like(command), *loads, _empty_like(values), _empty_like(poses), _empty_like(base), _empty_like(line)
 
 
 @torch.library.custom_op("tdcr::settle_forward", mutates_args=(), device_types="cpu")
@@ -186,18 +190,20 @@ def _settle_forward(
     of_values: Tensor,
     of_poses: Tensor,
     of_base: Tensor,
+    of_line: Tensor,
     command: Tensor,
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     scene: str = "",
 ) -> tuple[Tensor, Tensor]:
-    changes = _arrays((of_command, of_payload, of_wrench, of_values, of_poses, of_base))
-    found = _problem((command, payload, wrench, values, poses, base), robot, names, scene).tangent(changes)
+    changes = _arrays((of_command, of_payload, of_wrench, of_values, of_poses, of_base, of_line))
+    found = _problem((command, payload, wrench, values, poses, base, line), robot, names, scene).tangent(changes)
     positions, quaternions = _of_type(command, found)
     return positions, quaternions
 
@@ -210,12 +216,14 @@ def _(
     of_values: Tensor,
     of_poses: Tensor,
     of_base: Tensor,
+    of_line: Tensor,
     command: Tensor,
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     scene: str = "",
@@ -225,12 +233,12 @@ def _(
 
 
 def _setup(ctx, inputs, output):  # type: ignore[no-untyped-def]
-    command, payload, wrench, values, poses, base, ctx.robot, ctx.names, _, ctx.scene = inputs
-    ctx.save_for_backward(command, payload, wrench, values, poses, base)
+    command, payload, wrench, values, poses, base, line, ctx.robot, ctx.names, _, ctx.scene = inputs
+    ctx.save_for_backward(command, payload, wrench, values, poses, base, line)
 
 
 def _backward(ctx, by_positions, by_quaternions):  # type: ignore[no-untyped-def]
-    wanted = [bool(want) for want in ctx.needs_input_grad[:6]]
+    wanted = [bool(want) for want in ctx.needs_input_grad[:7]]
     gradients = _settle_backward(by_positions, by_quaternions, *ctx.saved_tensors, ctx.robot, ctx.names, wanted, ctx.scene)
     return *(g if want else None for g, want in zip(gradients, wanted, strict=True)), None, None, None, None
 
@@ -252,6 +260,7 @@ def _rollout(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     dt: float,
@@ -259,7 +268,7 @@ def _rollout(
     on_failure: str,
     scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    arguments = (commands, configuration, velocity, payload, wrench, values, poses, base)
+    arguments = (commands, configuration, velocity, payload, wrench, values, poses, base, line)
     problem = _motion_problem(arguments, robot, names, dt, frame_skip, scene)
     positions, quaternions, rates = _of_type(commands, problem.roll_out("raise" if on_failure == "raise" else "nan"))
     return positions, quaternions, rates
@@ -275,6 +284,7 @@ def _(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     dt: float,
@@ -300,17 +310,20 @@ def _rollout_backward(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    arguments = (commands, configuration, velocity, payload, wrench, values, poses, base)
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    arguments = (commands, configuration, velocity, payload, wrench, values, poses, base, line)
     problem = _motion_problem(arguments, robot, names, dt, frame_skip, scene)
     found = problem.adjoint(*_arrays((by_positions, by_quaternions, by_rates)))
-    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses, by_base = _like(arguments, found)
-    return by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses, by_base
+    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses, by_base, by_line = _like(
+        arguments, found
+    )
+    return by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values, by_poses, by_base, by_line
 
 
 @_rollout_backward.register_fake
@@ -326,14 +339,15 @@ def _(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
     start = _empty_like(configuration), _empty_like(velocity)
-    loads, around = (_empty_like(payload), _empty_like(wrench)), (_empty_like(poses), _empty_like(base))
+    loads, around = (_empty_like(payload), _empty_like(wrench)), (_empty_like(poses), _empty_like(base), _empty_like(line))
     return _empty_like(commands), *start, *loads, _empty_like(values), *around
 
 
@@ -347,6 +361,7 @@ def _rollout_forward(
     of_values: Tensor,
     of_poses: Tensor,
     of_base: Tensor,
+    of_line: Tensor,
     commands: Tensor,
     configuration: Tensor,
     velocity: Tensor,
@@ -355,14 +370,15 @@ def _rollout_forward(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     dt: float,
     frame_skip: int,
     scene: str,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    changes = _arrays((of_commands, of_configuration, of_velocity, of_payload, of_wrench, of_values, of_poses, of_base))
-    arguments = (commands, configuration, velocity, payload, wrench, values, poses, base)
+    changes = _arrays((of_commands, of_configuration, of_velocity, of_payload, of_wrench, of_values, of_poses, of_base, of_line))
+    arguments = (commands, configuration, velocity, payload, wrench, values, poses, base, line)
     found = _motion_problem(arguments, robot, names, dt, frame_skip, scene).tangent(changes)
     positions, quaternions, rates = _of_type(commands, found)
     return positions, quaternions, rates
@@ -378,6 +394,7 @@ def _(
     of_values: Tensor,
     of_poses: Tensor,
     of_base: Tensor,
+    of_line: Tensor,
     commands: Tensor,
     configuration: Tensor,
     velocity: Tensor,
@@ -386,6 +403,7 @@ def _(
     values: Tensor,
     poses: Tensor,
     base: Tensor,
+    line: Tensor,
     robot: str,
     names: str,
     dt: float,

@@ -61,10 +61,11 @@ def test_the_operator_keeps_the_contracts_of_custom_operators() -> None:
     values = (shares * torch.from_numpy(SCALES)).detach().expand(2, 3).clone().requires_grad_()
     poses = torch.zeros(2, 0, 7, dtype=torch.float64)
     base = torch.zeros(2, 0, 7, dtype=torch.float64)
-    arguments = (command, payload, wrench, values, poses, base, ROBOT.to_json(), ",".join(NAMES), "raise")
+    line = torch.full((2, 3), 0.1, dtype=torch.float64, requires_grad=True)
+    arguments = (command, payload, wrench, values, poses, base, line, ROBOT.to_json(), ",".join(NAMES), "raise")
     assert set(torch.library.opcheck(operators._settle, arguments).values()) == {"SUCCESS"}
-    changes = tuple(argument.detach() for argument in arguments[:6])
-    forward = (*changes, *changes, *arguments[6:8])
+    changes = tuple(argument.detach() for argument in arguments[:7])
+    forward = (*changes, *changes, *arguments[7:9])
     assert set(torch.library.opcheck(operators._settle_forward, forward).values()) == {"SUCCESS"}
 
 

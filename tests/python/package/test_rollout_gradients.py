@@ -85,6 +85,7 @@ def test_the_operator_keeps_the_contracts_of_custom_operators_and_compiles() -> 
     values = (inputs[-1] * torch.from_numpy(SCALES)).detach().expand(2, 3).clone().requires_grad_()
     poses = torch.zeros(2, 0, 7, dtype=torch.float64)
     arguments = (*(t.detach().requires_grad_() for t in inputs[:-1]), values, poses, poses.clone())
+    arguments = (*arguments, torch.full((2, 3), 0.1, dtype=torch.float64, requires_grad=True))
     arguments = (*arguments, ROBOT.to_json(), ",".join(NAMES), 0.002, 1, "raise", "")
     assert set(torch.library.opcheck(operators._rollout, arguments).values()) == {"SUCCESS"}
     compiled = torch.compile(cost, backend="aot_eager", fullgraph=True)
