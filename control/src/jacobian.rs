@@ -90,13 +90,13 @@ impl JacobianObserver {
             self.steps.clear();
             return false;
         };
-        // Both of the model as it is now: what was estimated since is no motion.
-        let (Ok(here), Ok(there)) = (model.tip(acting), model.tip(&command)) else {
+        // Of the model as it is now: what was estimated since is no motion.
+        let Ok(expected) = model.moved(&command, acting) else {
             return false;
         };
         let step = tip - tip_before;
-        self.correct(acting, &command, step - (here - there), period);
-        self.compare([step, here - there], period)
+        self.correct(acting, &command, step - expected, period);
+        self.compare([step, expected], period)
     }
 
     /// The Kalman update by what the model's step leaves of the tip's (m).

@@ -294,13 +294,16 @@ impl<'s> Run<'s> {
         }
         let start = robot.command(start.as_slice())?.as_slice().to_vec();
         let length = robot.arc_lengths().last().copied().unwrap_or(0.0);
+        let mut given = Belief::new(robot, &settings.loads, &[])?.among(&settings.scene)?;
+        // One that does not settle says so when it is asked.
+        let _ = given.rest(&start);
         let estimator = Estimator::new(robot, &settings.loads, settings.estimator.clone())?
             .among(&settings.scene)?;
         Ok(Self {
             settings,
             prior: estimator.clone(),
             estimator,
-            given: Belief::new(robot, &settings.loads, &[])?.among(&settings.scene)?,
+            given,
             watch: Watch::new(settings.watch, plant.period(), length),
             lag: Lag::new(settings.delay),
             jacobian: JacobianObserver::new(

@@ -4,6 +4,7 @@
 mod bad_days;
 mod clouds;
 mod estimation;
+mod friction;
 mod moving;
 mod obstacles;
 mod paths;

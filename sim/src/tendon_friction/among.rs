@@ -35,7 +35,7 @@ use crate::scene::Scene;
 /// ```
 #[derive(Clone, Debug)]
 pub struct ContactPath {
-    path: FrictionPath,
+    pub(super) path: FrictionPath,
     scene: Scene,
 }
 

@@ -60,6 +60,7 @@
 
 mod among;
 mod balance;
+mod differentiated;
 mod snap;
 mod tangent;
 

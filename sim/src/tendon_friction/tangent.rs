@@ -164,6 +164,11 @@ impl Tangents {
         moved
     }
 
+    /// Turn of each joint by a change, world axes (rad).
+    pub(super) fn turns(&self, change: usize) -> &[Vector3<f64>] {
+        &self.changes[change].turns
+    }
+
     /// Takes over that the path has gone `part` of the way.
     pub(super) fn arrive(&mut self, part: f64) {
         for (from, to) in self.from.iter_mut().zip(&self.to) {

@@ -1,6 +1,7 @@
 //! What paths with friction promise, checked from outside through the public interface.
 
 mod among;
+mod differentiated;
 mod energy;
 mod law;
 mod moving;

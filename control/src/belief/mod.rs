@@ -1,19 +1,26 @@
 //! What a controller believes of a robot: its model, and what of it is not known.
 
+mod linear;
+mod rubbing;
+
 use std::fmt;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector, Matrix3xX, Vector3};
+use nalgebra::{DMatrix, DVector, Vector3};
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::contact::{ContactError, ContactSettler};
-use tdcr_sim::inverse::recording::{Marker, Servo, Touch};
+use tdcr_sim::inverse::recording::Servo;
 use tdcr_sim::robot::{
-    Axis, CommandError, Drive, Frame, Loads, LoadsError, Parameter, Robot, SpecError, Wrench,
+    Axis, Command, CommandError, Drive, Frame, Loads, LoadsError, Parameter, Robot, SpecError,
+    Wrench,
 };
 use tdcr_sim::scene::{Scene, SceneError};
-use tdcr_sim::sensitivity::{Sensitivity, SensitivityError};
+use tdcr_sim::sensitivity::SensitivityError;
 use tdcr_sim::statics::{Equilibrium, NotSettled, Settler};
 use thiserror::Error;
+
+pub use linear::Linear;
+use rubbing::Rubbing;
 
 /// A number that the model does not have, and that measurements may tell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -80,6 +87,8 @@ pub enum BeliefError {
 pub struct Belief {
     robot: Robot,
     settling: Settling,
+    /// The way that the robot took, where its tendons have friction.
+    rubbing: Option<Box<Rubbing>>,
     /// Where the robot rests among obstacles now; `None` before that is known.
     resting: Option<Configuration>,
     loads: Loads,
@@ -96,20 +105,11 @@ enum Settling {
     Among(Box<ContactSettler>),
 }
 
-/// The model about one command: where it rests, and how that changes with the command and the unknowns.
-#[derive(Clone, Debug)]
-pub struct Linear {
-    /// Where it rests.
-    pub equilibrium: Equilibrium,
-    sensitivity: Sensitivity,
-    parameters: Vec<Parameter>,
-    /// From changes of the command to those of the parameters, and from those of the unknowns.
-    by_command: DMatrix<f64>,
-    by_unknowns: DMatrix<f64>,
-}
-
 /// The longest rest length (m) and the largest tension (N) that a model may be asked for.
 const REACH: [f64; 2] = [100.0, 1e6];
+
+/// Share of the change of estimates that the way of a model with friction takes over each time.
+const FOLLOWED: f64 = 0.05;
 
 impl Belief {
     /// The robot under known loads, every one of `unknowns` 0.
@@ -140,6 +140,7 @@ impl Belief {
         Ok(Self {
             straight: robot.tendon_kinematics(&Configuration::straight(&robot)).0,
             settling: Settling::Alone(Box::new(Settler::new(&robot))),
+            rubbing: Rubbing::new(&robot, &Scene::default(), unknowns.len()),
             resting: None,
             values: DVector::zeros(unknowns.len()),
             unknowns: unknowns.to_vec(),
@@ -154,17 +155,16 @@ impl Belief {
     /// # Errors
     /// [`BeliefError::Scene`] for obstacles that are none without friction.
     pub fn among(mut self, scene: &Scene) -> Result<Self, BeliefError> {
+        let mut obstacles = scene.obstacles().to_vec();
+        for obstacle in &mut obstacles {
+            obstacle.friction = 0.0;
+        }
+        let smooth = (scene.with_obstacles(obstacles))
+            .map_err(|error| BeliefError::Scene(Arc::new(error)))?;
+        self.rubbing = Rubbing::new(&self.robot, &smooth, self.unknowns.len());
         self.settling = match scene.is_empty() {
             true => Settling::Alone(Box::new(Settler::new(&self.robot))),
-            false => {
-                let mut obstacles = scene.obstacles().to_vec();
-                for obstacle in &mut obstacles {
-                    obstacle.friction = 0.0;
-                }
-                let smooth = (scene.with_obstacles(obstacles))
-                    .map_err(|error| BeliefError::Scene(Arc::new(error)))?;
-                Settling::Among(Box::new(ContactSettler::new(&self.robot, &smooth)))
-            }
+            false => Settling::Among(Box::new(ContactSettler::new(&self.robot, &smooth))),
         };
         Ok(self)
     }
@@ -203,22 +203,21 @@ impl Belief {
         place.map_or(0.0, |place| self.values[place])
     }
 
-    /// Where the robot rests under `command` (m or N).
+    /// Where the robot rests under `command` (m or N): with friction of tendons, where it comes to rest on the way from where it rests now.
     ///
     /// # Errors
     /// [`BeliefError`] where it does not settle.
     pub fn settle(&mut self, command: &[f64]) -> Result<&Equilibrium, BeliefError> {
         let (got, loads) = (self.pulled(command)?, self.all_loads()?);
-        let found = match &mut self.settling {
-            Settling::Alone(settler) => settler.follow(&got, &loads),
-            Settling::Among(settler) => match &self.resting {
-                Some(start) => &settler.settle_from(start, &got, &loads)?.equilibrium,
-                None => &settler.follow(&got, &loads)?.equilibrium,
-            },
-        };
-        match found.failure(&self.robot, &got) {
-            None => Ok(found),
-            Some(failure) => Err(failure.into()),
+        match &mut self.rubbing {
+            Some(rubbing) => settled(rubbing.settle(&got, &loads)?, &self.robot, &got),
+            None => without_friction(
+                &mut self.settling,
+                self.resting.as_ref(),
+                &self.robot,
+                &got,
+                &loads,
+            ),
         }
     }
 
@@ -228,14 +227,48 @@ impl Belief {
     }
 
     /// Takes the robot to rest under `command` (m or N) now, from where it rested before. Beside an obstacle there are several equilibria
-    /// of a command, of which a robot comes to one near where it was: those of other commands are sought from here on from this one.
+    /// of a command, of which a robot comes to one near where it was, and with friction of tendons it depends on the way: those of other commands are
+    /// sought from here on from this one.
     ///
     /// # Errors
     /// As [`settle`](Self::settle); it then counts as resting where it did.
     pub fn rest(&mut self, command: &[f64]) -> Result<(), BeliefError> {
-        let found = self.settle(command)?.configuration.clone();
-        self.resting = matches!(self.settling, Settling::Among(_)).then_some(found);
+        let (got, loads) = (self.pulled(command)?, self.all_loads()?);
+        let found = without_friction(
+            &mut self.settling,
+            self.resting.as_ref(),
+            &self.robot,
+            &got,
+            &loads,
+        )?;
+        let found = found.configuration.clone();
+        self.resting = self.is_among_obstacles().then_some(found);
+        let Some(rubbing) = &mut self.rubbing else {
+            return Ok(());
+        };
+        // What noise does to estimates moves no tendon through its holes.
+        rubbing.values += (&self.values - &rubbing.values) * FOLLOWED;
+        let now = std::mem::replace(&mut self.values, rubbing.values.clone());
+        let led = (self.pulled(command), self.all_loads());
+        self.values = now;
+        let (got, loads) = (led.0?, led.1?);
+        if let Some(rubbing) = &mut self.rubbing {
+            settled(rubbing.rest(&got, &loads)?, &self.robot, &got)?;
+        }
         Ok(())
+    }
+
+    /// By what the tip moved (m) when the robot came to rest under the command `to`, having rested under `from`.
+    ///
+    /// # Errors
+    /// As [`settle`](Self::settle).
+    pub fn moved(&mut self, from: &[f64], to: &[f64]) -> Result<Vector3<f64>, BeliefError> {
+        if let Some(rubbing) = &self.rubbing {
+            let commands = [self.pulled(from)?, self.pulled(to)?];
+            let [there, here] = rubbing.last_step(commands.each_ref(), &self.all_loads()?)?;
+            return Ok(here - there);
+        }
+        Ok(self.tip(to)? - self.tip(from)?)
     }
 
     /// Where the tip rests under `command` (m, world frame).
@@ -246,15 +279,31 @@ impl Belief {
         Ok(self.settle(command)?.pose().tip().translation.vector)
     }
 
-    /// The same with derivatives, by the implicit function theorem ([`Robot::sensitivity`]), contacts with obstacles in them.
+    /// The same with derivatives, by the implicit function theorem ([`Robot::sensitivity`]), contacts with obstacles in them. With friction of
+    /// tendons those by the command are of the way there ([`ContactPath::advance_differentiated`](tdcr_sim::tendon_friction::ContactPath::advance_differentiated)), where that has any, and the others as without.
     ///
     /// # Errors
     /// [`BeliefError`] where it does not settle, or has no derivatives.
     pub fn linearise(&mut self, command: &[f64]) -> Result<Linear, BeliefError> {
         let equilibrium = self.settle(command)?.clone();
         let (got, loads) = (self.pulled(command)?, self.all_loads()?);
+        let by_tendons = match &self.rubbing {
+            Some(rubbing) => rubbing.by_tendons(&got, &loads)?,
+            None => None,
+        };
+        let without = match self.rubbing {
+            Some(_) => without_friction(
+                &mut self.settling,
+                self.resting.as_ref(),
+                &self.robot,
+                &got,
+                &loads,
+            )?
+            .clone(),
+            None => equilibrium.clone(),
+        };
         let sensitivity = match &self.settling {
-            Settling::Alone(_) => self.robot.sensitivity(&got, &loads, &equilibrium)?,
+            Settling::Alone(_) => self.robot.sensitivity(&got, &loads, &without)?,
             Settling::Among(settler) => settler.sensitivity(&got, &loads)?.parameters().clone(),
         };
         let tendons = self.robot.tendons().len();
@@ -283,6 +332,7 @@ impl Belief {
         Ok(Linear {
             equilibrium,
             sensitivity,
+            by_tendons,
             parameters,
             by_command,
             by_unknowns,
@@ -310,7 +360,7 @@ impl Belief {
     }
 
     /// What the tendons get by a command.
-    fn pulled(&self, command: &[f64]) -> Result<tdcr_sim::robot::Command, CommandError> {
+    fn pulled(&self, command: &[f64]) -> Result<Command, CommandError> {
         let got = command.iter().enumerate().map(|(t, &value)| {
             let Some(tendon) = self.robot.tendons().get(t) else {
                 return value;
@@ -342,71 +392,32 @@ impl Belief {
     }
 }
 
-impl Linear {
-    /// Where a marker is (m, world frame).
-    pub fn position(&self, marker: &Marker) -> Vector3<f64> {
-        let disc = self.equilibrium.disc_pose(marker.disc);
-        (disc * nalgebra::Point3::from(marker.place)).coords
-    }
-
-    /// Jacobians of markers' positions, three rows each (m), by the command and by the unknowns.
-    ///
-    /// # Errors
-    /// [`BeliefError`] for a parameter that the robot does not have.
-    pub fn marker_jacobians(&self, markers: &[Marker]) -> Result<[DMatrix<f64>; 2], BeliefError> {
-        let discs = self.sensitivity.jacobian(&self.parameters)?;
-        let mut rows = DMatrix::zeros(3 * markers.len(), self.parameters.len());
-        for (place, marker) in markers.iter().enumerate() {
-            let arm = self.equilibrium.orientations[marker.disc] * marker.place;
-            let of_disc = discs.rows(6 * marker.disc, 6);
-            for (column, change) in of_disc.column_iter().enumerate() {
-                let position = Vector3::new(change[0], change[1], change[2]);
-                let rotation = Vector3::new(change[3], change[4], change[5]);
-                let moved = position + rotation.cross(&arm);
-                rows.fixed_view_mut::<3, 1>(3 * place, column)
-                    .copy_from(&moved);
-            }
+/// Where a robot rests whose tendons have no friction, near where it rests now.
+fn without_friction<'s>(
+    settling: &'s mut Settling,
+    resting: Option<&Configuration>,
+    robot: &Robot,
+    got: &Command,
+    loads: &Loads,
+) -> Result<&'s Equilibrium, BeliefError> {
+    let found = match (settling, resting) {
+        (Settling::Alone(settler), _) => settler.follow(got, loads),
+        (Settling::Among(settler), Some(start)) => {
+            &settler.settle_from(start, got, loads)?.equilibrium
         }
-        Ok([&rows * &self.by_command, &rows * &self.by_unknowns])
-    }
+        (Settling::Among(settler), None) => &settler.follow(got, loads)?.equilibrium,
+    };
+    settled(found, robot, got)
+}
 
-    /// By how much the distances of points from the robot's surface, above 0 outside, shrink with the unknowns (m per unit): a row for
-    /// each of the places nearest to them. It is exact, as the nearest place is a minimum of the distance (point to plane: Chen and
-    /// Medioni, Image and Vision Computing 10, 1992).
-    ///
-    /// # Errors
-    /// [`BeliefError`] for a parameter that the robot does not have.
-    pub fn approaches(&self, touches: &[Touch]) -> Result<DMatrix<f64>, BeliefError> {
-        let discs = self.sensitivity.jacobian(&self.parameters)? * &self.by_unknowns;
-        let mut rows = DMatrix::zeros(touches.len(), self.by_unknowns.ncols());
-        for (row, touch) in touches.iter().enumerate() {
-            // What is fixed to the base does not move.
-            let Some(disc) = touch.body else { continue };
-            let arm = self.equilibrium.orientations[disc] * touch.in_body;
-            let moment = arm.cross(&touch.normal);
-            let along = discs.fixed_rows::<3>(6 * disc).tr_mul(&touch.normal);
-            let about = discs.fixed_rows::<3>(6 * disc + 3).tr_mul(&moment);
-            rows.set_row(row, &(along + about).transpose());
-        }
-        Ok(rows)
-    }
-
-    /// Where the tip is (m), and its Jacobian by the command (m per m or N).
-    pub fn tip(&self) -> (Vector3<f64>, Matrix3xX<f64>) {
-        let tip = self.equilibrium.positions.len() - 1;
-        let discs = self.sensitivity.command_jacobian();
-        let tendons = discs.ncols();
-        let scaled = discs.fixed_rows::<3>(6 * tip) * self.by_command.rows(0, tendons);
-        (self.equilibrium.positions[tip], scaled)
-    }
-
-    /// Jacobians of the tensions (N) by the command and by the unknowns, and the same of the lengths (m).
-    ///
-    /// # Errors
-    /// [`BeliefError`] for a parameter that the robot does not have.
-    pub fn tendon_jacobians(&self) -> Result<[[DMatrix<f64>; 2]; 2], BeliefError> {
-        let found = self.sensitivity.tendon_jacobians(&self.parameters)?;
-        Ok([found.tensions, found.lengths]
-            .map(|rows| [&rows * &self.by_command, &rows * &self.by_unknowns]))
+/// An equilibrium that is one.
+fn settled<'e>(
+    found: &'e Equilibrium,
+    robot: &Robot,
+    got: &Command,
+) -> Result<&'e Equilibrium, BeliefError> {
+    match found.failure(robot, got) {
+        None => Ok(found),
+        Some(failure) => Err(failure.into()),
     }
 }
