@@ -24,8 +24,8 @@ pub enum DynamicsError {
     },
     /// A tendon whose length is imposed, where that cannot be held.
     #[error(
-        "tendon {} is inextensible and its length is commanded, which only steps by {:?} and {:?} hold, not among obstacles and \
-         without derivatives; give it an `axial_stiffness`, or a drive with a gain",
+        "tendon {} is inextensible and its length is commanded, which only steps by {:?} and {:?} hold, not under MuJoCo's law of \
+         contacts and without derivatives; give it an `axial_stiffness`, or a drive with a gain",
         tendon + 1,
         Integrator::SemiImplicitEuler,
         Integrator::ImplicitEuler

@@ -17,6 +17,20 @@ const STIFFNESS: f64 = 1e9;
 /// By how much a slack tendon may be longer than commanded (m): rounding.
 const ROUNDING: f64 = 1e-14;
 
+/// A tendon in a step, as what else acts in it takes it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HeldLength<'a> {
+    /// Gradient of its length by the joints (m/rad), world axes.
+    pub slopes: &'a [Vector3<f64>],
+    /// `K` (N/m).
+    pub stiffness: f64,
+    /// Its tension in the step (N), and by what it is longer than commanded at the end (m), below 0 where it is slack.
+    pub tension: f64,
+    pub excess: f64,
+    /// Whether it only pulls.
+    pub only_pulls: bool,
+}
+
 /// The tendons of one robot whose lengths are commanded, and workspace.
 #[derive(Clone, Debug)]
 pub(super) struct HeldLengths {
@@ -31,6 +45,8 @@ pub(super) struct HeldLengths {
     /// Tensions that act in the step as it was begun, and those found (N).
     pub begun: DVector<f64>,
     pub tensions: DVector<f64>,
+    /// By what each is longer than commanded at the end of the step (m), below 0 for one that is slack.
+    pub excess: DVector<f64>,
     /// Rates at the end of the step that was begun, at its begin, and the change of the former (rad/s).
     pub free: Vec<Vector3<f64>>,
     pub start: Vec<Vector3<f64>>,
@@ -53,6 +69,7 @@ impl HeldLengths {
                 responses: vec![zeros.clone(); count],
                 begun: DVector::zeros(count),
                 tensions: DVector::zeros(count),
+                excess: DVector::zeros(count),
                 free: zeros.clone(),
                 start: zeros.clone(),
                 change: zeros,
@@ -76,6 +93,20 @@ impl HeldLengths {
     pub fn tensions(&self) -> impl Iterator<Item = (usize, f64)> {
         let tensions = self.tensions.iter().copied();
         self.tendons.iter().copied().zip(tensions)
+    }
+
+    /// The tendons in the step that was begun.
+    pub fn all(&self) -> impl Iterator<Item = HeldLength<'_>> {
+        self.tendons
+            .iter()
+            .enumerate()
+            .map(|(i, &tendon)| HeldLength {
+                slopes: &self.slopes[i],
+                stiffness: STIFFNESS,
+                tension: self.tensions[i],
+                excess: self.excess[i],
+                only_pulls: self.robot.tendons()[tendon].pull == Pull::TensionOnly,
+            })
     }
 
     /// `command` with the tensions of the step that is begun in place of lengths.
@@ -139,6 +170,15 @@ impl HeldLengths {
             .iter()
             .map(|&t| models[t].pull == Pull::TensionOnly);
         self.tensions = bounded(&matrix, &excess, &only_pulls.collect::<Vec<_>>());
+        self.excess = excess - &mobility * &self.tensions;
+        for (excess, tension) in self.excess.iter_mut().zip(self.tensions.iter()) {
+            // To the last bit, what its tension stretches it by.
+            *excess = if *tension == 0.0 {
+                excess.min(0.0)
+            } else {
+                tension / STIFFNESS
+            };
+        }
         self.change.fill(Vector3::zeros());
         let pulls = (&self.tensions - &self.begun) * h;
         for (response, pull) in self.responses.iter().zip(pulls.iter()) {

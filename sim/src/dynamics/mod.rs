@@ -28,7 +28,7 @@
 //! Friction of the tendons in their holes is that of [`crate::tendon_friction`] (`rubbing`), in steps of first order. What the contacts bear
 //! is not in the state: a stepper remembers it where it last led the robot ([`Stepper::tendon_profiles`]), and begins from any other
 //! state with none loaded. Commanded lengths of inextensible tendons are constraints
-//! (`held`), which steps of first order hold without obstacles. A command is what acts on the tendons:
+//! (`held`), which steps of first order hold. A command is what acts on the tendons:
 //! where servos have a lag or a largest rate, [`Servos`] say what acts. A fluid around the robot holds its discs back (`drag`), in
 //! steps of first order.
 //!
@@ -85,6 +85,7 @@ pub use equations::MotionTerms;
 pub use error::DynamicsError;
 pub use growth::Growth;
 pub(crate) use growth::{SmallMotion, SmallMotionRates};
+pub(crate) use held::HeldLength;
 pub use integrator::{Integrator, LARGEST_TURN};
 pub use linearise::{Linearisation, Lineariser};
 pub use obstacles::{ObstacleGradient, ObstacleTangent};

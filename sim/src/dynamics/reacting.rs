@@ -32,8 +32,23 @@ impl Stepper {
         }
     }
 
-    /// Begins a step from `state`: the accelerations without surroundings.
+    /// Begins a step from `state`: the accelerations without surroundings, in which tendons have their commanded lengths.
     pub(crate) fn begin(
+        &mut self,
+        state: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<(), DynamicsError> {
+        let Some(mut held) = self.held.take() else {
+            return self.begin_alone(state, command, loads);
+        };
+        let begun = self.begin_holding(&mut held, state, command, loads);
+        self.held = Some(held);
+        begun
+    }
+
+    /// Begins a step from `state`, under tensions in place of commanded lengths.
+    pub(super) fn begin_alone(
         &mut self,
         state: &State,
         command: &Command,
@@ -156,7 +171,7 @@ impl Stepper {
     }
 
     /// Adds a `change` of the rates (rad/s, world axes) to the accelerations of the step that was begun.
-    fn accelerate_by(&mut self, change: &[Vector3<f64>]) {
+    pub(super) fn accelerate_by(&mut self, change: &[Vector3<f64>]) {
         let chain: &Chain = &self.equations.posture.chain;
         let accelerations = self.accelerations.as_chunks_mut::<3>().0.iter_mut();
         for (joint, (acceleration, change)) in accelerations.zip(change).enumerate() {

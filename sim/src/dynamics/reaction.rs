@@ -29,6 +29,11 @@ impl Reaction {
         self.inertia = self.inertia.sub(&symmetric(&(coupling * cross)));
     }
 
+    /// Adds an angular impulse on the disc (N m s).
+    pub fn turn(&mut self, moment: &Vector3<f64>) {
+        self.moment += moment;
+    }
+
     /// Adds the form of another, without its impulse.
     pub(super) fn add_form(&mut self, other: &Self) {
         self.inertia = self.inertia.add(&other.inertia);

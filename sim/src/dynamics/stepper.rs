@@ -166,12 +166,7 @@ impl Stepper {
         command: &Command,
         loads: &Loads,
     ) -> Result<(), DynamicsError> {
-        if let Some(mut held) = self.held.take() {
-            let moved = self.step_holding(&mut held, state, command, loads);
-            self.held = Some(held);
-            return moved;
-        }
-        if self.drag.is_some() || self.rubbing.is_some() {
+        if self.held.is_some() || self.drag.is_some() || self.rubbing.is_some() {
             self.begin(state, command, loads)?;
             for _ in 0..MAX_REVISIONS {
                 if !self.rub_again(state, loads, &[]) {

@@ -363,6 +363,42 @@ def test_servos_follow_late_hold_lengths_and_keep_on_when_pickled(tmp_path: Path
         package.linearise(late, package.State.straight(package.Robot(late)), package.Robot(late).mean_command)
 
 
+def test_commanded_lengths_are_held_among_obstacles_as_on_the_command_line(tdcr: Run, tmp_path: Path) -> None:
+    spec = package.Robot("2m").to_dict()
+    for module in spec["modules"]:
+        module["tendons"] |= {"drive": "length", "pull": "tension_only", "range": [0.0, 0.2]}
+        module |= {"backbone": {"bending": [0.2, 0.2], "torsion": 0.2}, "damping": 0.02}
+    (tmp_path / "held.json").write_text(json.dumps(spec))
+    robot = package.Robot(tmp_path / "held.json")
+    ends = np.array([[0.0, 0.2, 0.2, 0.2, 0.2, 0.2], [0.075, 0.2, 0.2, 0.2, 0.2, 0.2]])
+    ends[0, 0] = package.MovingRobot(robot).lengths[0]
+    free = package.simulate(robot, np.repeat(ends[1:], 200, axis=0), start="straight")
+    tip = free.positions[-1, -1]
+    ball = package.Obstacle.sphere("ball", 0.02, position=tuple(0.97 * tip))
+    scene = package.Scene([ball])
+    scene.save(tmp_path / "scene.toml")
+    share = np.minimum(np.arange(400) / 200, 1.0)[:, None]
+    commands = ends[0] + share * (ends[1] - ends[0])
+    np.savetxt(tmp_path / "commands.csv", commands, delimiter=",", fmt="%.17g")
+    moving = package.MovingRobot(robot, scene=scene)
+    moving.start_at(package.State.straight(robot), commands[0])
+    touched = 0
+    for command in commands:
+        moving.step(command)
+        touched += len(moving.contacts)
+        assert moving.lengths[0] < command[0] + 1e-6
+        assert moving.tensions[0] == 0.0 or abs(moving.lengths[0] - command[0]) < 1e-6
+    assert touched > 20 and moving.tensions[0] > 0.1
+    motion = package.simulate(robot, commands, scene=scene)
+    assert np.array_equal(motion.velocity[-1], moving.velocity)
+    files = ("--commands", tmp_path / "commands.csv", "--scene", tmp_path / "scene.toml")
+    told = tdcr("simulate", "--robot", tmp_path / "held.json", *files)
+    assert np.array_equal(told["velocity"], motion.velocity[-1].ravel())
+    impedance = scene.with_contact_law(package.Impedance())
+    with pytest.raises(DynamicsError, match="not under MuJoCo's law"):
+        package.MovingRobot(robot, scene=impedance)
+
+
 def rough(robot: str = "2m", coefficient: float = 0.2) -> package.Robot:
     """The robot with friction of its tendons."""
     changed = package.Robot(robot).to_dict()

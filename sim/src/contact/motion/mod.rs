@@ -10,10 +10,11 @@ mod derivatives;
 mod gather;
 mod law;
 mod objects;
-mod pairs;
 mod problem;
 mod response;
 mod start;
+mod tendons;
+mod ties;
 mod touch;
 
 use nalgebra::Vector3;
@@ -21,7 +22,8 @@ use nalgebra::Vector3;
 use self::objects::Objects;
 use self::problem::{Problem, SAME_BOUND, Solved};
 use self::response::{StepResponse, mobilities_of};
-use self::touch::{DiscVelocities, Opposite, Side};
+use self::tendons::HeldTendon;
+use self::touch::{DiscVelocities, Opposite, Side, Touch};
 use super::equations::{OWN_REACH, REACH};
 use super::law::STIFFEST;
 use super::near::Neighbourhood;
@@ -128,7 +130,7 @@ impl ContactStepper {
     /// # Errors
     /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles;
     /// [`DynamicsError::InFluid`] for a fluid and [`ContactLaw::Impedance`], [`DynamicsError::TendonFriction`] for friction of tendons
-    /// and that law; [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch, where there are;
+    /// and that law, [`DynamicsError::Inextensible`] for commanded lengths of tendons without a stretch and that law;
     /// [`DynamicsError::Objects`] for objects that cannot move.
     pub fn new(stepper: Stepper, scene: &Scene) -> Result<Self, DynamicsError> {
         let beads = Beads::new(stepper.robot());
@@ -149,10 +151,10 @@ impl ContactStepper {
         let own = OwnContacts::new(stepper.robot(), scene, &beads);
         if !scene.obstacles().is_empty() || own.is_some() {
             stepper.check_reacting()?;
-            if let Some(tendon) = stepper.first_held() {
-                return Err(DynamicsError::Inextensible { tendon });
-            }
             if let ContactLaw::Impedance(_) = scene.contact_law() {
+                if let Some(tendon) = stepper.first_held() {
+                    return Err(DynamicsError::Inextensible { tendon });
+                }
                 if stepper.robot().spec().fluid.is_some() {
                     return Err(DynamicsError::InFluid);
                 }
@@ -239,6 +241,11 @@ impl ContactStepper {
         // What touches the robot changes what its tendons do in their holes.
         while left > 0 && self.stepper.rub_again(state, loads, &self.change) {
             left -= 1;
+            self.find(state, command, loads)?;
+        }
+        // It changes the tensions that hold lengths, too, which give the joints stiffness in implicit steps.
+        let touches = self.problem.touches.iter().any(Touch::acts);
+        if touches && self.stepper.hold_again(state, command, loads)? {
             self.find(state, command, loads)?;
         }
         if left == 0 || self.unsolved > unsolved {
@@ -329,6 +336,8 @@ impl ContactStepper {
         let (resistance, free, rates) = (self.resistance(), &mut self.free, &mut self.rates);
         (self.stepper).free_rates((state, command), resistance, free, rates);
         self.change.fill(Vector3::zeros());
+        self.problem.tendons.clear();
+        (self.problem.tendons).extend(HeldTendon::all(&self.stepper));
         // A step that turns a joint too far is refused, whatever is touched in it.
         if self.is_resolved(&self.free) {
             self.touch(loads)?;
@@ -428,6 +437,8 @@ impl ContactStepper {
         };
         let solved = self.problem.solve(&self.centres, &mut robot);
         let stepper = robot.stepper;
+        let h = stepper.timestep();
+        stepper.set_held_tensions(self.problem.tendons.iter().map(|tendon| tendon.whole() / h));
         match resistance {
             Resistance::Step => self.change.copy_from_slice(&self.problem.change),
             Resistance::Inertia => {

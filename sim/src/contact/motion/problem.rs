@@ -7,6 +7,8 @@
 //! the solve as by Castro, Han and Masterjohn, A Theory of Irrotational Contact Fields, 2023.) Bounds follow the normal impulses from
 //! solve to solve ([`Bounds`]), which are the more exact the nearer they are.
 //!
+//! Inextensible tendons of commanded length are in the sum as well ([`HeldTendon`]).
+//!
 //! Newton's method: the next iterate solves `(A + J' H J) w = J' (p + H (u - u*))`, `H = -dp/du`, in O(n) ([`Reaction`]). Every iterate
 //! has `A w = J' F` with known `F`, so that the line search is one of the contacts alone.
 
@@ -14,7 +16,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::bounds::Bounds;
 use super::coupled::{Movables, Responds};
-use super::pairs::{Pairs, WithPairs};
+use super::tendons::HeldTendon;
+use super::ties::{Ties, WithTies};
 use super::touch::{DiscVelocities, Response, Side, Touch};
 use crate::dynamics::Reaction;
 
@@ -47,8 +50,11 @@ pub(super) struct Problem {
     spatial: DiscVelocities,
     /// The objects that contacts are with.
     pub movables: Movables,
-    /// The contacts of discs with each other.
-    pairs: Pairs,
+    /// The tendons of commanded length, and what ties discs together in an iteration.
+    pub tendons: Vec<HeldTendon>,
+    /// Of each of these, what an iteration changes velocity and impulse by.
+    pulls: Vec<[f64; 2]>,
+    ties: Ties,
     /// What each contact does at its velocity.
     laws: Vec<Response>,
     /// Bounds of friction as they follow the normal impulses.
@@ -78,6 +84,7 @@ impl Problem {
     pub fn solve(&mut self, centres: &[Vector3<f64>], robot: &mut impl Responds) -> Solved {
         let zero = Vector3::zeros();
         self.movables.prepare(&self.touches);
+        self.tendons.iter_mut().for_each(HeldTendon::reset);
         for buffer in [&mut self.change, &mut self.trial] {
             buffer.clear();
             buffer.resize(centres.len(), zero);
@@ -173,6 +180,10 @@ impl Problem {
                 touch.velocity += velocity * share;
                 touch.impulse += impulse * share;
             }
+            for (tendon, [velocity, impulse]) in self.tendons.iter_mut().zip(&self.pulls) {
+                tendon.velocity += velocity * share;
+                tendon.impulse += impulse * share;
+            }
             for (change, trial) in self.change.iter_mut().zip(&self.trial) {
                 *change += (trial - *change) * share;
             }
@@ -188,7 +199,11 @@ impl Problem {
             error = error.max((impulse - touch.impulse).norm_squared());
             largest = largest.max(impulse.norm_squared());
         }
+        let tendons = || self.tendons.iter();
+        let most = tendons().map(|tendon| tendon.whole().abs());
+        let allowed = tolerance * most.fold(0.0, f64::max);
         error.sqrt() <= tolerance * largest.sqrt() + NO_IMPULSE
+            && tendons().all(|tendon| tendon.is_solved(allowed))
     }
 
     /// Solves the problem with the impulses linearised at their velocities.
@@ -198,7 +213,7 @@ impl Problem {
         self.laws.clear();
         for touch in &self.touches {
             let response = touch.response();
-            // What acts on two discs follows below.
+            // What acts on several discs follows below.
             if let (Side::Disc(disc), None, true) = (touch.on, touch.other, response.acts()) {
                 let Response { impulse, inertance } = &response;
                 let at_rest = impulse + inertance * (touch.velocity - touch.free);
@@ -206,18 +221,19 @@ impl Problem {
             }
             self.laws.push(response);
         }
-        self.pairs.take(&self.touches, &self.laws);
-        if self.pairs.are_none() {
+        let contacts = (&self.touches[..], &self.laws[..]);
+        (self.ties).take(contacts, &self.tendons, &mut self.reactions);
+        if self.ties.are_none() {
             self.respond(centres, robot);
         } else {
-            let mut pairs = std::mem::take(&mut self.pairs);
-            let mut robot = WithPairs {
+            let mut ties = std::mem::take(&mut self.ties);
+            let mut robot = WithTies {
                 robot,
-                pairs: &mut pairs,
+                ties: &mut ties,
                 centres,
             };
             self.respond(centres, &mut robot);
-            self.pairs = pairs;
+            self.ties = ties;
         }
         self.spatial.set(centres, &self.trial);
         for (number, (touch, law)) in self.touches.iter().zip(&self.laws).enumerate() {
@@ -231,6 +247,13 @@ impl Problem {
             let velocity = there - touch.velocity;
             let next = law.impulse - law.inertance * velocity;
             self.steps.push([velocity, next - touch.impulse]);
+        }
+        self.pulls.clear();
+        for tendon in &self.tendons {
+            let velocity = tendon.shortening(&self.spatial) - tendon.velocity;
+            let law = tendon.law();
+            let next = law.impulse - law.inertance * velocity;
+            self.pulls.push([velocity, next - tendon.impulse]);
         }
     }
 
@@ -280,7 +303,12 @@ impl Problem {
             let there = touch.impulse_at(&(touch.velocity + velocity * share));
             (touch.impulse + impulse * share - there).dot(velocity)
         });
-        terms.sum()
+        let tendons = self.tendons.iter().zip(&self.pulls);
+        let pulls = tendons.map(|(tendon, [velocity, impulse])| {
+            let there = tendon.law_at(tendon.velocity + velocity * share);
+            (tendon.impulse + impulse * share - there.impulse) * velocity
+        });
+        terms.sum::<f64>() + pulls.sum::<f64>()
     }
 
     /// The impulses alone as reactions, one for each disc.

@@ -1,6 +1,7 @@
 //! Robots in motion among obstacles.
 
 mod friction;
+mod held;
 mod hostile;
 mod itself;
 mod rest;

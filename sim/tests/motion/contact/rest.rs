@@ -173,7 +173,7 @@ fn energy_never_grows_without_input() {
 }
 
 /// `J' p`: impulses of the contacts of the last step by the joints' coordinates.
-fn impulses(stepper: &ContactStepper, state: &State) -> DVector<f64> {
+pub fn impulses(stepper: &ContactStepper, state: &State) -> DVector<f64> {
     let robot = stepper.robot();
     let h = stepper.stepper().timestep();
     let size = 1e-6;

@@ -1,11 +1,9 @@
 //! Servos: commanded lengths, lag, rate and limits of force.
 
-use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Lineariser, Rollout, State, Stepper};
 use tdcr_sim::robot::{
     Backbone, Command, Drive, Fluid, Loads, PerDisc, Pull, Robot, RobotSpec, ServoSpec,
 };
-use tdcr_sim::scene::{Obstacle, Scene};
 use tdcr_sim::simulation::{MovingRobot, Simulation};
 
 /// 2m on an elastic backbone, well damped, with other tendons.
@@ -216,13 +214,4 @@ fn a_late_servo_is_an_ideal_one_under_the_command_that_acts() {
         Lineariser::new(&late, h).unwrap_err(),
         DynamicsError::LateServo { tendon: 0 }
     );
-}
-
-#[test]
-fn among_obstacles_commanded_lengths_are_refused() {
-    let robot = driven(Drive::Length, [0.0, 0.2], Pull::TensionOnly, None);
-    let stepper = Stepper::new(&robot, 0.002, Integrator::ImplicitEuler).unwrap();
-    let ground = Scene::new(vec![Obstacle::half_space("ground")]).unwrap();
-    let refused = ContactStepper::new(stepper, &ground).unwrap_err();
-    assert_eq!(refused, DynamicsError::Inextensible { tendon: 0 });
 }
