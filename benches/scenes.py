@@ -5,7 +5,7 @@
 Prints a Markdown table. Random commands that touch a wall or one of two posts, one thread, medians. MuJoCo's model is
 `Robot.to_mjcf` with the scene. It is at rest when its joints are slower than 1e-5 rad/s and accelerate by less than 1e-3 rad/s²,
 at most 20,000 steps; its drift is how far a disc moves in 6 s from our equilibrium, on the contacts that the model gives it
-there. Steps are of a robot at rest.
+there. Steps are of a robot at rest; in the second table, of one that bends over a table and pushes the first of five boxes.
 """
 
 import statistics
@@ -114,6 +114,58 @@ def measure(name, around):
     return np.array(rows, dtype=float)
 
 
+def shelf(robot):
+    """A table beside a robot that stands, and five boxes on it in a row that leads away."""
+    tip = robot.straight_positions[-1]
+    top = tip[2] - 0.06
+    boxes = (
+        tdcr.Obstacle.box(f"box {k}", (0.03, 0.06, 0.05), position=(-0.062 - 0.04 * k, 0.0, top + 0.025), mass=0.02, friction=0.3)
+        for k in range(5)
+    )
+    return tdcr.Scene([tdcr.Obstacle.box("table", (0.5, 0.4, 0.02), position=(-0.3, 0.0, top - 0.01), friction=0.3), *boxes])
+
+
+def towards_boxes(robot):
+    """A command that bends the robot to the boxes, from its last module on, by 80 mm if it can."""
+    low, high = robot.command_ranges.T
+    best, bent = robot.mean_command, 0.0
+    for module in reversed(range(0, robot.tendons, 3)):
+        for pulled in range(module, module + 3):
+            command = best.copy()
+            command[module : module + 3] = low[module : module + 3]
+            command[pulled] = high[pulled]
+            aside = tdcr.settle(robot, command).positions[-1][0]
+            if aside < bent:
+                best, bent = command, aside
+        if bent < -0.08:
+            break
+    return best
+
+
+def pushing(name):
+    """Seconds of a step of ours and of MuJoCo's as a robot pushes boxes, and how far each pushes the first (m)."""
+    robot = tdcr.Robot(name)
+    around, ends = shelf(robot), [robot.mean_command, towards_boxes(robot)]
+    shares = np.minimum(np.arange(STEPS) / (0.5 * STEPS), 1.0)
+    commands = ends[0] + (ends[1] - ends[0]) * shares[:, None]
+    began = time.perf_counter()
+    motion = tdcr.simulate(robot, commands, scene=around, start="settled")
+    ours = (time.perf_counter() - began) / STEPS
+    controls = []
+    for command in reversed(ends):
+        theirs = Theirs(robot, around, command, len(robot.straight_positions))
+        theirs.at_our_equilibrium()
+        controls.append(theirs.data.ctrl.copy())
+    last, first = controls
+    began = time.perf_counter()
+    for share in shares:
+        theirs.data.ctrl[:] = first + (last - first) * share
+        mujoco.mj_step(theirs.model, theirs.data)
+    other = (time.perf_counter() - began) / STEPS
+    starts = around["box 0"].position[0]
+    return ours, other, starts - motion.objects["box 0"].position[-1, 0], starts - theirs.data.body("box 0").xpos[0]
+
+
 def table(measured):
     """The measurements in Markdown."""
     lines = ["| ours / MuJoCo, ratio | " + " | ".join(measured) + " |", "|---" * (len(measured) + 1) + "|"]
@@ -133,7 +185,21 @@ def table(measured):
     return "\n".join(lines)
 
 
+def table_of_objects(measured):
+    """The same of robots that push objects."""
+    lines = ["| ours / MuJoCo, ratio | " + " | ".join(measured) + " |", "|---" * (len(measured) + 1) + "|"]
+    steps = [f"{1e6 * ours:.0f} / {1e6 * theirs:.0f}, **{theirs / ours:.1f}x**" for ours, theirs, *_ in measured.values()]
+    ways = [f"{1e3 * ours:.1f} / {1e3 * theirs:.1f}" for *_, ours, theirs in measured.values()]
+    lines += [
+        f"| step of 2 ms with five boxes (µs) | {' | '.join(steps)} |",
+        f"| way of the first box (mm) | {' | '.join(ways)} |",
+    ]
+    return "\n".join(lines)
+
+
 if __name__ == "__main__":
     tdcr.set_threads(1)
     print(f"MuJoCo {mujoco.__version__}", file=sys.stderr)
-    print(table({name: measure(name, scene()) for name in ("2m", "3m", "5m")}))
+    robots = ("2m", "3m", "5m")
+    print(table({name: measure(name, scene()) for name in robots}), end="\n\n")
+    print(table_of_objects({name: pushing(name) for name in robots}))

@@ -54,6 +54,11 @@ impl MovingRobot {
         Ok(self.0.place_objects(&states)?)
     }
 
+    /// Refuses obstacles and objects that have a part of the robot inside.
+    fn check_outside(&self) -> Outcome<()> {
+        Ok(self.0.check_outside()?)
+    }
+
     /// Starts anew at rest in the equilibrium of a command.
     fn reset(
         &mut self,

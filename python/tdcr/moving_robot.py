@@ -8,6 +8,7 @@ from tdcr import _tdcr
 from tdcr._arrays import Floats, as_count, as_float, as_number
 from tdcr.contact import Contacts
 from tdcr.dynamics import Integrator, State, native_steps, one_state
+from tdcr.errors import ContactError
 from tdcr.loads import Loads, one_load
 from tdcr.objects import Objects, object_states
 from tdcr.robot import RobotLike, as_robot
@@ -159,8 +160,18 @@ class MovingRobot:
         """Places the objects where they were when :attr:`objects` was read, of a robot in the same scene. The robot stays.
 
         Raises:
-            InputError: For objects of another scene.
+            InputError: For objects of another scene, or in states that none can have.
+            ContactError: For objects that have a part of the robot inside.
         """
+        before = self.objects
+        self._place(objects)
+        try:
+            self._native.check_outside()
+        except ContactError:
+            self._place(before)
+            raise
+
+    def _place(self, objects: Objects | None) -> None:
         names = () if self.scene is None else self.scene.objects
         self._native.place_objects(object_states(objects, names))
 
@@ -183,4 +194,4 @@ class MovingRobot:
         if deflections := saved.get("deflections"):
             self._native.set_deflections(deflections)
         if (objects := saved.get("objects")) is not None and len(objects):
-            self.place_objects(objects)
+            self._place(objects)

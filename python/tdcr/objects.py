@@ -11,8 +11,8 @@ from tdcr._arrays import Floats, as_float, as_number
 from tdcr._results import Result
 from tdcr.errors import InputError
 
-_STATE = 13
-"""Numbers of an object's state: position, quaternion, velocity, angular velocity."""
+_STATE = {"position": 3, "orientation": 4, "velocity": 3, "angular_velocity": 3}
+"""What an object's state consists of, and of how many numbers each."""
 
 
 @dataclass(frozen=True)
@@ -114,11 +114,6 @@ class Objects(Result):
         parts = np.split(numbers, np.cumsum((3, 4, 3, 3)), axis=-1)
         return cls(names, *(np.ascontiguousarray(part) for part in parts))
 
-    def _states(self) -> Floats:
-        """The states as rows of numbers, shape (m, 13)."""
-        parts = (self.position, self.orientation, self.velocity, self.angular_velocity)
-        return np.ascontiguousarray(np.concatenate(parts, axis=-1))
-
     def __len__(self) -> int:
         return len(self.names)
 
@@ -133,6 +128,7 @@ class Objects(Result):
 
 def object_states(objects: Any, names: tuple[str, ...]) -> Floats:
     """States of all objects of a scene as rows of numbers, shape (m, 13)."""
-    if not isinstance(objects, Objects) or objects.names != names or objects.position.ndim != 2:
+    if not isinstance(objects, Objects) or objects.names != names or np.ndim(objects.position) != 2:
         raise InputError(f"objects is {objects!r}; expected what `MovingRobot.objects` of the same scene gave, of {names}")
-    return as_float(objects._states(), "objects", (len(names), _STATE))
+    parts = (as_float(getattr(objects, part), f"objects.{part}", (len(names), width)) for part, width in _STATE.items())
+    return np.ascontiguousarray(np.concatenate(list(parts), axis=-1))

@@ -147,7 +147,7 @@ impl SetInfo {
             ),
             (
                 "Motors",
-                format!("{}, {}", self.motors.len(), self.motor_ranges()),
+                format!("{}, {}", self.tendons(), self.motor_ranges()),
             ),
             ("Payloads", payload.unwrap_or_else(|| "none".to_owned())),
             ("Scale", format!("{:.4} m", self.scale)),
@@ -155,7 +155,12 @@ impl SetInfo {
         ];
         // Recordings and imported sets have no scene.
         if let Some(obstacles) = self.obstacles_phrase() {
-            facts.insert(2, ("Obstacles", obstacles));
+            let numbers = self.motors.len() - self.tendons();
+            let moved = match numbers {
+                0 => obstacles,
+                _ => format!("{obstacles}; moved by {numbers} numbers of a sample (m, rad)"),
+            };
+            facts.insert(2, ("Obstacles", moved));
         }
         (facts.into_iter())
             .map(|(name, value)| (name.to_owned(), value))
@@ -178,10 +183,19 @@ impl SetInfo {
         })
     }
 
+    /// How many of the motors pull tendons: those behind them move obstacles.
+    fn tendons(&self) -> usize {
+        match self.robot {
+            Some(_) => self.motor_units.iter().flatten().count(),
+            None => self.motors.len(),
+        }
+    }
+
     /// Smallest and largest value over the motors of each unit.
     fn motor_ranges(&self) -> String {
         let mut ranges: Vec<(Option<&str>, [f64; 2])> = Vec::new();
-        for (&unit, &[low, high]) in self.motor_units.iter().zip(&self.motors) {
+        let tendons = self.motor_units.iter().zip(&self.motors);
+        for (&unit, &[low, high]) in tendons.take(self.tendons()) {
             match ranges.iter_mut().find(|range| range.0 == unit) {
                 Some((_, range)) => *range = [range[0].min(low), range[1].max(high)],
                 None => ranges.push((unit, [low, high])),

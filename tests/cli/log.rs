@@ -92,6 +92,11 @@ fn what_is_no_log_is_refused() {
         "is not a log",
     );
     assert!(!out.exists());
+    let bag = folder.path().join("bag");
+    let as_bag = ["--format", "rosbag2", "--out", text(&bag)];
+    let export = [&["log", "export", text(&path)], as_bag.as_slice()].concat();
+    refuse(&export, 1, "is not a log");
+    assert!(!bag.exists(), "so that the right log can go there");
     let missing = folder.path().join("missing.mcap");
     refuse(&["log", "info", text(&missing)], 1, "missing.mcap");
 }

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from tdcr._arrays import Floats, as_array, as_count, as_float
@@ -67,6 +68,7 @@ class Episodes:
         length = self.world.settings.episode_length
         self._length = length if max_steps is None else min(length, as_count(max_steps, "max_episode_steps", 1))
         self._failed: Bools = np.zeros(count, dtype=np.bool_)
+        self._begun: Bools = np.zeros(count, dtype=np.bool_)
         self.layout = dict(self.world.layout)
         self.action_space = spaces.Box(-1.0, 1.0, (self.world.entries,), np.float32)
         self.observation_space: Space = self._space()
@@ -123,6 +125,7 @@ class Episodes:
             raise NotSettledError(f"the robot does not settle under options['start'], {starts[row].tolist()}")
         self.world.begin(rows)
         self._failed[rows] = False
+        self._begun[rows] = True
 
     def randomise(self, ranges: Mapping[str, tuple[float, float]]) -> None:
         """Other ranges, from the next reset on; those of other names stay.
@@ -188,6 +191,8 @@ class Episodes:
 
     def drive(self, actions: Any) -> None:
         """Advances all rows by actions, shape (count, entries)."""
+        if not self._begun.all():
+            raise ResetNeeded("a step before the first reset; call `reset` first")
         self._failed = self.world.drive(actions)
 
     def look(self) -> tuple[Observation, Floats, Bools, Infos]:

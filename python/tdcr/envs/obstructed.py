@@ -10,7 +10,7 @@ import numpy as np
 from tdcr._arrays import Floats, as_count, as_number
 from tdcr.envs.tasks import Infos, Reach, Rngs, Task, Terms, norms
 from tdcr.envs.world import Observed, World
-from tdcr.errors import InputError
+from tdcr.errors import ContactError, InputError
 from tdcr.obstacles import Obstacle
 from tdcr.scene import Scene
 
@@ -29,6 +29,9 @@ _CORNERS = 8
 def surroundings(world: World, obstacles: Sequence[Obstacle]) -> Scene:
     """Obstacles beside those of the world's own scene, and what that says of the robot's contact with itself."""
     own = world.settings.scene
+    names = {obstacle.name for obstacle in obstacles}
+    for taken in () if own is None else (obstacle.name for obstacle in own.obstacles if obstacle.name in names):
+        raise InputError(f"scene has an obstacle {taken!r}, as the task itself has; expected another name")
     scene = Scene([*(() if own is None else own.obstacles), *obstacles])
     return scene if own is None else scene.with_self_contact(own.self_contact)
 
@@ -173,9 +176,17 @@ class Insert(Task):
         return np.asarray(world.origin + (top + ahead)[:, None] * world.axis + aside[:, None] * side)
 
     def start(self, rows: Sequence[int], rngs: Rngs) -> None:
-        """With the tip in the mouth of a tube in which the robot settles."""
+        """With the tip in the mouth of a tube in which the robot settles.
+
+        Raises:
+            InputError: Where a part of the straight robot is in the tube's wall.
+        """
         by_row = dict(zip(rows, rngs, strict=True))
-        self.world.settle_in_the_middle(rows, lambda again: self.draw(again, [by_row[row] for row in again]))
+        try:
+            self.world.settle_in_the_middle(rows, lambda again: self.draw(again, [by_row[row] for row in again]))
+        except ContactError as error:
+            # A slender robot, straight at first, in a tube that bends.
+            raise InputError(f"{error}, or less of randomise['bend'], or more clearance") from error
 
     def assess(self, observed: Observed, goals: Observed) -> tuple[Floats | Terms, Infos]:
         world = self.world

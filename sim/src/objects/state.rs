@@ -3,7 +3,10 @@
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
-use crate::scene::Obstacle;
+use crate::scene::{LARGEST_LENGTH, LARGEST_SPEED, Obstacle};
+
+/// How far the length of a rotation's quaternion may be from 1.
+const UNIT: f64 = 1e-6;
 
 /// Where an object is and how it moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,6 +49,45 @@ impl ObjectState {
         turn.iter().all(|x| x.is_finite())
             && vectors.iter().all(|v| v.iter().all(|x| x.is_finite()))
     }
+
+    /// Refuses what no `object` of a scene can start in.
+    pub(super) fn check(&self, object: &str) -> Result<(), ObjectError> {
+        let within = |v: &Vector3<f64>, largest| v.iter().all(|x| x.abs() <= largest);
+        let refuse = |what, found: &[f64], expected| {
+            let object = object.to_owned();
+            let found = format!("{what} {found:?}");
+            Err(ObjectError::State {
+                object,
+                found,
+                expected,
+            })
+        };
+        let position = &self.pose.translation.vector;
+        if !within(position, LARGEST_LENGTH) {
+            let expected = "finite coordinates of at most 1e6 m";
+            return refuse("position", position.as_slice(), expected);
+        }
+        let turn = self.pose.rotation.as_vector();
+        let is_rotation = (turn.norm() - 1.0).abs() <= UNIT;
+        if !is_rotation {
+            let wxyz = [turn.w, turn.x, turn.y, turn.z];
+            return refuse(
+                "orientation",
+                &wxyz,
+                "a quaternion (w, x, y, z) of length 1",
+            );
+        }
+        for (what, velocity) in [
+            ("velocity", &self.velocity),
+            ("angular velocity", &self.angular_velocity),
+        ] {
+            if !within(velocity, LARGEST_SPEED) {
+                let expected = "finite components of at most 1e4 (m/s, rad/s)";
+                return refuse(what, velocity.as_slice(), expected);
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Why objects cannot move.
@@ -79,11 +121,15 @@ pub enum ObjectError {
         /// Objects of the scene.
         expected: usize,
     },
-    /// A state with a number that is not finite, or with a rotation that is none.
-    #[error("the state given of object `{object}` is not finite; expected finite numbers")]
+    /// A state with numbers that none can have.
+    #[error("the state given of object `{object}` has {found}; expected {expected}")]
     State {
         /// The object's name.
         object: String,
+        /// What is wrong.
+        found: String,
+        /// What would be right.
+        expected: &'static str,
     },
     /// A motion that left the range of numbers.
     #[error(

@@ -204,10 +204,7 @@ impl World {
             return Err(ObjectError::Count { found, expected });
         }
         for (kept, state) in self.kept.iter().zip(states) {
-            if !state.is_finite() {
-                let object = kept.name.clone();
-                return Err(ObjectError::State { object });
-            }
+            state.check(&kept.name)?;
         }
         for (kept, state) in self.kept.iter().zip(states) {
             let body = &mut self.sets.bodies[kept.handle];

@@ -6,9 +6,11 @@ use super::SceneError;
 use super::error::refuse;
 
 /// Largest length and coordinate (m).
-pub(super) const LARGEST_LENGTH: f64 = 1e6;
+pub(crate) const LARGEST_LENGTH: f64 = 1e6;
 /// Largest component of a velocity (m/s or rad/s).
-const LARGEST_SPEED: f64 = 1e4;
+pub(crate) const LARGEST_SPEED: f64 = 1e4;
+/// Largest mass (kg): rapier's contacts hold no heavier ones.
+const LARGEST_MASS: f64 = 1e9;
 /// Largest of all other quantities, in SI units: products of several such do not overflow.
 const LARGEST: f64 = 1e15;
 
@@ -67,6 +69,19 @@ pub(super) fn positive(obstacle: &str, field: &str, value: f64) -> Result<(), Sc
             field,
             value,
             "a number above 0, at most 1e15",
+        )),
+    }
+}
+
+/// The mass of an object (kg).
+pub(super) fn mass(obstacle: &str, value: f64) -> Result<(), SceneError> {
+    match value > 0.0 && value <= LARGEST_MASS {
+        true => Ok(()),
+        false => Err(refuse(
+            obstacle,
+            "mass",
+            value,
+            "a mass above 0, at most 1e9 kg",
         )),
     }
 }

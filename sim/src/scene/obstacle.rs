@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Isometry3, Matrix3, Translation3, Vector3};
 
 use super::SceneError;
-use super::checks::{LARGEST_LENGTH, not_negative, orientation, point, pose, positive, velocity};
+use super::checks::{self, LARGEST_LENGTH, not_negative, orientation, point, pose, velocity};
 use super::compile::{ObstacleShape, Sources};
 use super::error::{called, refuse};
 use super::joint_spec::JointSpec;
@@ -243,7 +243,7 @@ impl Obstacle {
     /// The same with a mass (kg), so that it can move.
     ///
     /// # Errors
-    /// [`SceneError::Field`] unless it is above 0 and at most 1e15; for a half space.
+    /// [`SceneError::Field`] unless it is above 0 and at most 1e9; for a half space.
     pub fn with_mass(mut self, mass: f64) -> Result<Self, SceneError> {
         self.mass = Some(mass);
         self.checked()
@@ -283,7 +283,7 @@ impl Obstacle {
         not_negative(obstacle, "compliance", self.compliance)?;
         not_negative(obstacle, "friction", self.friction)?;
         if let Some(mass) = self.mass {
-            positive(obstacle, "mass", mass)?;
+            checks::mass(obstacle, mass)?;
             if matches!(self.shape, ObstacleShape::HalfSpace) {
                 return Err(refuse(
                     obstacle,

@@ -93,12 +93,21 @@ impl MovingRobot {
         self.stepper.objects()
     }
 
-    /// Places the objects in states, one for each in the order of [`Scene::objects`]; the robot stays as it is.
+    /// Places the objects in states, one for each in the order of [`Scene::objects`]; the robot stays as it is, inside of one or not
+    /// ([`check_outside`](Self::check_outside)).
     ///
     /// # Errors
-    /// [`SimulationError::Dynamics`] for states of other objects, or not finite.
+    /// [`SimulationError::Dynamics`] for states of other objects, or with numbers that none can have.
     pub fn place_objects(&mut self, states: &[ObjectState]) -> Result<(), SimulationError> {
         Ok(self.stepper.place_objects(Some(states))?)
+    }
+
+    /// Refuses obstacles and objects that have a part of the robot inside: steps would push it out the nearest way, however far.
+    ///
+    /// # Errors
+    /// [`SimulationError`] that names them.
+    pub fn check_outside(&self) -> Result<(), SimulationError> {
+        Ok(self.stepper.check_start(&self.state)?)
     }
 
     /// The obstacles around the robot, objects where they are now.

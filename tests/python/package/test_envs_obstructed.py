@@ -175,3 +175,28 @@ def test_the_base_moves_by_the_last_entry_of_an_action_and_the_robot_settles_the
 def test_a_tube_that_bends_too_much_for_its_width_is_refused() -> None:
     with pytest.raises(InputError, match=r"randomise\['bend'\] reaches 3.0 rad in a tube of 0.0260 m radius and 0.0810 m length"):
         make("Insert2m", randomise={"bend": (0.1, 3.0)})
+
+
+def test_a_slender_robot_in_the_wall_of_a_bent_tube_is_refused_with_what_helps() -> None:
+    env = make("Insert2m", robot="examples/three-segments.toml")
+    with pytest.raises(InputError, match=r"starts inside obstacle \"tube\".* less of randomise\['bend'\], or more clearance"):
+        env.reset(seed=0)
+    make("Insert2m", robot="examples/three-segments.toml", randomise={"bend": (0.05, 0.2)}).reset(seed=0)
+
+
+def test_names_of_a_tasks_own_obstacles_are_taken() -> None:
+    scene = tdcr.Scene([tdcr.Obstacle.sphere("tube", 0.01, position=(1, 0, 0))])
+    with pytest.raises(InputError, match="scene has an obstacle 'tube', as the task itself has; expected another name"):
+        make("Insert2m", scene=scene).reset(seed=0)
+
+
+@pytest.mark.parametrize("name", ["Reach2m", "Track2m"])
+def test_steps_before_the_first_reset_are_refused(name: str) -> None:
+    env = make(name)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="before the first reset"):
+        env.step(env.action_space.sample())
+    vector = gymnasium.make_vec(f"tdcr/{name}-v0", num_envs=2)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="before the first reset"):
+        vector.step(vector.action_space.sample())
+    env.reset(seed=0)
+    copy.deepcopy(env).step(env.action_space.sample())

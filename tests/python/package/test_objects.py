@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import json
 import os
 import pickle
@@ -83,6 +84,26 @@ def test_a_moving_robot_is_reset_copied_and_pickled_with_its_objects() -> None:
     assert np.array_equal(moving.objects.position, there.position)
     with pytest.raises(InputError, match=r"of \('box',\)"):
         moving.place_objects(start["box"])
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "expected"),
+    [
+        ("position", [[1e300, 0, 0]], "position .* at most 1e6 m"),
+        ("orientation", [[0, 0, 0, 0]], r"orientation \[0.0, 0.0, 0.0, 0.0\]; expected a quaternion"),
+        ("velocity", [[0, 1e200, 0]], "velocity .* at most 1e4"),
+        ("angular_velocity", [[0, 0, -2e4]], "angular velocity .* at most 1e4"),
+        ("velocity", [[0, 1]], r"objects.velocity has shape \(1, 2\)"),
+        ("position", [[0.0, 0.0, 0.2]], "inside obstacle"),
+    ],
+)
+def test_objects_are_placed_only_where_they_can_be(field: str, value: list[list[float]], expected: str) -> None:
+    moving = tdcr.MovingRobot("2m", scene=SCENE, frame_skip=10)
+    before = moving.objects
+    assert before is not None
+    with pytest.raises(InputError, match=expected):
+        moving.place_objects(dataclasses.replace(before, **{field: np.array(value, float)}))
+    assert np.array_equal(moving.objects.position, before.position)
 
 
 def test_doors_and_drawers_are_written_and_read_again(tmp_path: Path) -> None:

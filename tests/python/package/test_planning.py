@@ -59,6 +59,9 @@ def test_a_deployment_keeps_the_tip_on_the_curve_and_the_body_near_it() -> None:
     np.testing.assert_allclose(np.linalg.norm(deployed.base_orientations, axis=1), 1.0)
     with pytest.raises(tdcr.errors.InputError, match="expected 0.1865 m at most"):
         tdcr.follow_the_leader(robot, 2.0 * curve)
+    for stages in (1, 2**50):
+        with pytest.raises(tdcr.errors.InputError, match=f"{stages}"):
+            tdcr.follow_the_leader(robot, curve, stages=stages)
 
 
 def test_plans_and_deployments_tell_how_far_they_are_and_stop_where_that_raises() -> None:

@@ -93,8 +93,8 @@ pub enum DeploymentError {
         /// Name of the robot.
         robot: String,
     },
-    /// Too few stages.
-    #[error("a deployment of {0} stages; expected 2 at least")]
+    /// Too few stages, or too many.
+    #[error("a deployment of {0} stages; expected 2 to 10000000")]
     Stages(usize),
     /// Loads of another robot.
     #[error(transparent)]
@@ -110,6 +110,9 @@ pub enum DeploymentError {
     Interrupted,
 }
 
+/// Stages that nobody means to ask for: their poses would fill the memory.
+const MOST_STAGES: usize = 10_000_000;
+
 /// What a deployment goes through.
 #[derive(Clone, Copy, Debug)]
 pub struct DeploymentTask<'a> {
@@ -123,7 +126,7 @@ pub struct DeploymentTask<'a> {
     pub points: &'a [Vector3<f64>],
     /// How its base moves.
     pub motion: BaseMotion,
-    /// Stages of equal length, 2 at least.
+    /// Stages of equal length, 2 to ten million.
     pub stages: usize,
 }
 
@@ -192,7 +195,7 @@ pub fn deploy_while(
     let finite = points.iter().flatten().all(|x| x.is_finite());
     let curve = Curve::new(points.iter().copied()).filter(|_| finite);
     let curve = curve.ok_or(DeploymentError::Curve(points.len()))?;
-    if stages < 2 {
+    if !(2..=MOST_STAGES).contains(&stages) {
         return Err(DeploymentError::Stages(stages));
     }
     let fitter = Fitter::new(robot, scene, loads, motion);
@@ -214,7 +217,7 @@ pub fn deploy_while(
         }
     };
     let mut posed = lay_on_whole(&fitter, robot, &curve, &mut step)?;
-    let mut found = Vec::with_capacity(stages);
+    let mut found = Vec::new();
     for stage in (0..stages).rev() {
         let arc_length = curve.length() * stage as f64 / (stages - 1) as f64;
         posed = drawn_back(&fitter, &posed, &curve, arc_length)

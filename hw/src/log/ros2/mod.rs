@@ -51,13 +51,18 @@ pub struct Bag {
 /// Writes what can be read of the log `from` as the bag `to`, a folder that must not be there.
 ///
 /// # Errors
-/// [`LogError`]; `to` is then left as far as it was written, without `metadata.yaml`.
+/// [`LogError`]. Where nothing of the log can be read, `to` is not made; else it is left as far as it was written, without
+/// `metadata.yaml`.
 pub fn export_rosbag2(from: &Path, to: &Path) -> Result<Bag, LogError> {
     let at = |path: &Path| {
         let path = path.to_owned();
         |source| LogError::File { path, source }
     };
     let mut reader = LogReader::open(from)?;
+    let mut next = reader.next_entry().map_err(at(from))?;
+    if next.is_none() {
+        reader.recovery().require_readable(from)?;
+    }
     std::fs::create_dir(to).map_err(at(to))?;
     let stem = to.file_name().unwrap_or_default().to_string_lossy();
     let name = format!("{stem}_0.mcap");
@@ -79,7 +84,8 @@ pub fn export_rosbag2(from: &Path, to: &Path) -> Result<Bag, LogError> {
         recovery: reader.recovery().clone(),
         span: None,
     };
-    while let Some(entry) = reader.next_entry().map_err(at(from))? {
+    while let Some(entry) = next {
+        next = reader.next_entry().map_err(at(from))?;
         let Entry::Message(found) = entry else {
             continue;
         };

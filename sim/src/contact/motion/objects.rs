@@ -198,7 +198,7 @@ impl ContactStepper {
     /// What comes then is a function of these states: impulses of earlier steps, from which searches begin, are forgotten.
     ///
     /// # Errors
-    /// [`DynamicsError::Objects`] for states of other objects, or not finite.
+    /// [`DynamicsError::Objects`] for states of other objects, or with numbers that none can have.
     pub fn place_objects(&mut self, states: Option<&[ObjectState]>) -> Result<(), DynamicsError> {
         self.objects.restart(states)?;
         self.problem.bounds.forget();
