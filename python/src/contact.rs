@@ -129,7 +129,7 @@ impl Touched {
             let compliance = match (contact.partner.obstacle(), scene.self_contact()) {
                 _ if !is_compliant => 0.0,
                 (Some(obstacle), _) => scene.obstacles()[obstacle].compliance,
-                (None, SelfContact::Touching { compliance }) => compliance,
+                (None, SelfContact::Touching { compliance, .. }) => compliance,
                 (None, SelfContact::Ignored) => 0.0,
             };
             let force = contact.force.dot(&contact.normal);

@@ -85,8 +85,13 @@ impl Scene {
     fn self_contact(&self) -> Option<f64> {
         match self.0.self_contact() {
             SelfContact::Ignored => None,
-            SelfContact::Touching { compliance } => Some(compliance),
+            SelfContact::Touching { compliance, .. } => Some(compliance),
         }
+    }
+
+    /// Coefficient of friction between discs.
+    fn self_friction(&self) -> f64 {
+        self.0.self_contact().friction()
     }
 
     /// Names of the obstacles, by their numbers.

@@ -102,14 +102,24 @@ class Scene(Sequence[Obstacle]):
         other. Neighbours always do."""
         return self._native.self_contact()
 
-    def with_self_contact(self, compliance: float | None) -> Scene:
+    @property
+    def self_friction(self) -> float:
+        """Coefficient of friction between discs of the robot, in motion; 0 by default."""
+        return self._native.self_friction()
+
+    def with_self_contact(self, compliance: float | None, friction: float = 0.0) -> Scene:
         """This scene for robots whose discs give way so far where they touch each other (m/N); with None they pass through.
 
+        Args:
+            compliance: How far they give way (m/N), or None.
+            friction: Their coefficient of friction, in motion. Paths of equilibria and derivatives refuse it.
+
         Raises:
-            SceneError: For a compliance below 0 or not finite.
+            SceneError: For a compliance or friction below 0 or not finite.
         """
         try:
-            own = "ignored" if compliance is None else {"compliance": as_number(compliance, "compliance")}
+            touching = {"compliance": compliance, "friction": friction}
+            own = "ignored" if compliance is None else {key: as_number(value, key) for key, value in touching.items()}
         except InputError as error:
             raise SceneError(str(error)) from None
         return Scene.from_json(json.dumps(json.loads(self._text) | {"self_contact": own}))

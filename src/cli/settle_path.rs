@@ -42,7 +42,8 @@ impl Led {
         let mut obstacles = scene.obstacles().iter();
         let has_friction = tendons
             .any(|tendon| tendon.friction.is_some_and(|own| own.coefficient > 0.0))
-            || obstacles.any(|obstacle| obstacle.friction > 0.0);
+            || obstacles.any(|obstacle| obstacle.friction > 0.0)
+            || scene.self_contact().friction() > 0.0;
         let by = match has_friction {
             true => Leader::Friction {
                 path: Box::new(ContactPath::new(robot, scene)),

@@ -33,7 +33,7 @@ def surroundings(world: World, obstacles: Sequence[Obstacle]) -> Scene:
     for taken in () if own is None else (obstacle.name for obstacle in own.obstacles if obstacle.name in names):
         raise InputError(f"scene has an obstacle {taken!r}, as the task itself has; expected another name")
     scene = Scene([*(() if own is None else own.obstacles), *obstacles])
-    return scene if own is None else scene.with_self_contact(own.self_contact)
+    return scene if own is None else scene.with_self_contact(own.self_contact, own.self_friction)
 
 
 def across(axis: Floats) -> tuple[Floats, Floats]:

@@ -56,6 +56,7 @@ impl BranchPath {
     /// Prepares to lead `robot` in `scene`.
     pub fn new(robot: &Robot, scene: &Scene) -> Self {
         let mut scene = scene.clone();
+        scene = scene.without_own_friction();
         if scene.obstacles().iter().any(|own| own.friction > 0.0) {
             (scene.obstacles_mut().iter_mut()).for_each(|own| own.friction = 0.0);
         }

@@ -125,7 +125,7 @@ impl Equations {
     fn own_compliance(&self) -> Option<f64> {
         match self.scene.self_contact() {
             SelfContact::Ignored => None,
-            SelfContact::Touching { compliance } => Some(compliance),
+            SelfContact::Touching { compliance, .. } => Some(compliance),
         }
     }
 

@@ -2,9 +2,11 @@
 
 use nalgebra::Vector3;
 
+use super::ContactError;
 use super::active::Active;
 use super::equations::Equations;
 use super::friction::Bristle;
+use crate::scene::Scene;
 
 /// What a path carries on from an equilibrium: what resists sliding from there, and what bears and slips.
 #[derive(Clone, Debug, Default)]
@@ -89,5 +91,13 @@ impl Equations {
             let position = bristle.position(chain);
             bristle.stick(&position);
         }
+    }
+}
+
+/// Refuses friction between discs, which paths do not have.
+pub(crate) fn check_own_friction(scene: &Scene) -> Result<(), ContactError> {
+    match scene.self_contact().friction() {
+        0.0 => Ok(()),
+        friction => Err(ContactError::SelfFriction { friction }),
     }
 }

@@ -73,6 +73,12 @@ pub enum SceneError {
         /// The compliance found (m/N).
         compliance: f64,
     },
+    /// Discs cannot rub so.
+    #[error("`self_contact.friction` is {friction}; expected a number from 0 to 1e15")]
+    SelfFriction {
+        /// The coefficient found.
+        friction: f64,
+    },
     /// Contacts cannot be so smooth.
     #[error("`smoothing` is {0}; expected a number from 0 to 1 (J)")]
     Smoothing(f64),

@@ -119,13 +119,21 @@ impl Scene {
     /// The same scene for robots that touch themselves so.
     ///
     /// # Errors
-    /// [`SceneError::SelfContact`] for a compliance below 0 or not finite.
+    /// [`SceneError::SelfContact`] for a compliance, [`SceneError::SelfFriction`] for a friction below 0 or not finite.
     pub fn with_self_contact(self, self_contact: SelfContact) -> Result<Self, SceneError> {
         self_contact.check()?;
         Ok(Self {
             self_contact,
             ..self
         })
+    }
+
+    /// The same scene without friction between discs.
+    pub(crate) fn without_own_friction(mut self) -> Self {
+        if let SelfContact::Touching { friction, .. } = &mut self.self_contact {
+            *friction = 0.0;
+        }
+        self
     }
 
     /// The same scene with contacts that push so in motion.

@@ -43,6 +43,8 @@ pub enum SelfContact {
     Touching {
         /// How far their surfaces give way for each newton (m/N).
         compliance: f64,
+        /// Coefficient of friction, in motion.
+        friction: f64,
     },
 }
 
@@ -50,6 +52,7 @@ impl Default for SelfContact {
     fn default() -> Self {
         Self::Touching {
             compliance: COMPLIANCE,
+            friction: 0.0,
         }
     }
 }
@@ -57,10 +60,21 @@ impl Default for SelfContact {
 impl SelfContact {
     pub(super) fn check(self) -> Result<(), SceneError> {
         match self {
-            Self::Touching { compliance } if !is_compliance(compliance) => {
+            Self::Touching { compliance, .. } if !is_compliance(compliance) => {
                 Err(SceneError::SelfContact { compliance })
             }
+            Self::Touching { friction, .. } if !is_compliance(friction) => {
+                Err(SceneError::SelfFriction { friction })
+            }
             Self::Touching { .. } | Self::Ignored => Ok(()),
+        }
+    }
+
+    /// Coefficient of friction between discs.
+    pub fn friction(self) -> f64 {
+        match self {
+            Self::Touching { friction, .. } => friction,
+            Self::Ignored => 0.0,
         }
     }
 }
@@ -126,9 +140,12 @@ pub(super) struct SceneInFile {
     obstacle: Vec<ObstacleInFile>,
 }
 
-/// `self_contact = "ignored"`, or a table with the compliance.
+/// `self_contact = "ignored"`, or a table with compliance and friction.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-#[serde(untagged, expecting = "\"ignored\", or { compliance = ... } (m/N)")]
+#[serde(
+    untagged,
+    expecting = "\"ignored\", or { compliance = ..., friction = ... } (m/N)"
+)]
 pub(super) enum SelfContactInFile {
     Word(SelfContactWord),
     Table(SelfContactTable),
@@ -143,7 +160,14 @@ pub(super) enum SelfContactWord {
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SelfContactTable {
+    #[serde(default = "usual_compliance")]
     compliance: f64,
+    #[serde(default, skip_serializing_if = "is_none")]
+    friction: f64,
+}
+
+fn usual_compliance() -> f64 {
+    COMPLIANCE
 }
 
 /// A table `[[obstacle]]`.
@@ -205,9 +229,13 @@ impl From<SelfContactInFile> for SelfContact {
     fn from(file: SelfContactInFile) -> Self {
         match file {
             SelfContactInFile::Word(SelfContactWord::Ignored) => Self::Ignored,
-            SelfContactInFile::Table(SelfContactTable { compliance }) => {
-                Self::Touching { compliance }
-            }
+            SelfContactInFile::Table(SelfContactTable {
+                compliance,
+                friction,
+            }) => Self::Touching {
+                compliance,
+                friction,
+            },
         }
     }
 }
@@ -216,7 +244,13 @@ impl From<SelfContact> for SelfContactInFile {
     fn from(contact: SelfContact) -> Self {
         match contact {
             SelfContact::Ignored => Self::Word(SelfContactWord::Ignored),
-            SelfContact::Touching { compliance } => Self::Table(SelfContactTable { compliance }),
+            SelfContact::Touching {
+                compliance,
+                friction,
+            } => Self::Table(SelfContactTable {
+                compliance,
+                friction,
+            }),
         }
     }
 }

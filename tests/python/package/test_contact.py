@@ -461,6 +461,28 @@ def test_a_robot_that_curls_up_touches_itself() -> None:
         alone.with_self_contact(-1.0)
 
 
+def test_discs_rub_in_motion_and_not_along_paths() -> None:
+    robot, command = tdcr.Robot("5m"), np.tile([0.04, 0.0, 0.0], 5)
+    smooth, rough = tdcr.Scene(), tdcr.Scene().with_self_contact(1e-6, 0.4)
+    assert smooth.self_friction == 0.0 and rough.self_friction == 0.4 and rough.self_contact == 1e-6
+    assert tdcr.Scene.from_json(rough.to_json()) == rough != smooth
+    moving = tdcr.MovingRobot(robot, scene=rough)
+    moving.start_at(tdcr.State.straight(robot), command)
+    words: set[str] = set()
+    for _ in range(200):
+        moving.step(command, frame_skip=5)
+        contacts = moving.contacts
+        normal = (contacts.force * contacts.normal).sum(1)
+        across = np.linalg.norm(contacts.force - normal[:, None] * contacts.normal, axis=1)
+        assert (across <= 0.4 * normal + 1e-5 * normal.max(initial=0.0)).all()
+        words |= set(contacts.sliding)
+    assert words == {"sticks", "slips"} or words == {"slips"}
+    with pytest.raises(ContactError, match=r"self_contact.friction` is 0.4"):
+        tdcr.follow(robot, [command, command], scene=rough)
+    with pytest.raises(SceneError, match=r"self_contact.friction` is -1"):
+        smooth.with_self_contact(1e-6, -1.0)
+
+
 def test_a_motion_in_a_scene_comes_to_rest_where_the_robot_settles() -> None:
     scene = Scene([Obstacle.cylinder("post", 0.01, 0.4, position=(-0.06, 0.0, 0.25), friction=0.1)])
     command = np.array([0.034, 0.007, 0.001, 0.026, 0.015, 0.019])

@@ -25,7 +25,7 @@ impl ContactStepper {
     /// are as of [`ContactSensitivity::vjp`](crate::contact::ContactSensitivity::vjp), the start staying as it is.
     ///
     /// # Errors
-    /// As [`rollout_gradient`](crate::dynamics::rollout_gradient); [`DynamicsError::Underivable`] for objects that move,
+    /// As [`rollout_gradient`](crate::dynamics::rollout_gradient); [`DynamicsError::Underivable`] for objects that move, friction between discs,
     /// [`ContactLaw::Impedance`], integrators but [`Integrator::SemiImplicitEuler`], and the pitch of a module with a rod, whose beads
     /// it moves.
     pub fn rollout_gradient(
@@ -77,6 +77,12 @@ impl ContactStepper {
         }
         if !self.objects.are_none() {
             return refused("motions of objects", "obstacles without a mass");
+        }
+        if self.own.as_ref().is_some_and(|own| own.friction > 0.0) {
+            return refused(
+                "motions with friction between discs",
+                "a scene whose `self_contact` has no friction",
+            );
         }
         match self.scene.contact_law() {
             ContactLaw::Compliant { .. } => Ok(()),

@@ -37,7 +37,7 @@ impl ContactStepper {
         self.objects.add_meetings(h, movables, touches);
     }
 
-    /// Adds the beads of discs that are near each other, which touch without friction.
+    /// Adds the beads of discs that are near each other.
     fn add_pairs(&mut self) {
         let h = self.stepper.timestep();
         let (Some(own), ContactLaw::Compliant { relaxation }) =
@@ -47,9 +47,15 @@ impl ContactStepper {
         };
         let centres = &self.centres;
         let touches = own.pairs.near.iter().map(|near| {
+            // Without friction the forces are along the line of the centres, and might act at any of its points.
+            let rubbed = near.centres[0] - near.normal * (near.beads[0].radius + 0.5 * near.gap);
             let ends = [0, 1].map(|end| {
                 let disc = near.beads[end].disc;
-                (disc, near.centres[end] - centres[disc])
+                let point = match own.friction > 0.0 {
+                    true => rubbed,
+                    false => near.centres[end],
+                };
+                (disc, point - centres[disc])
             });
             let [free, other] = ends.map(|(disc, arm)| self.motions.of(disc, &arm));
             let free = free - other;
@@ -64,7 +70,7 @@ impl ContactStepper {
                 normal: near.normal,
                 arm: ends[0].1,
                 push: Push::compliant(near.gap, own.compliance, relaxation, h),
-                friction: 0.0,
+                friction: own.friction,
                 bound: 0.0,
                 free,
                 velocity: free,

@@ -104,22 +104,32 @@ pub struct ContactStepper {
 #[derive(Clone, Debug)]
 struct OwnContacts {
     pairs: PairNeighbourhood,
-    /// Compliance (m/N).
+    /// Compliance (m/N), and coefficient of friction.
     compliance: f64,
+    friction: f64,
 }
 
 impl OwnContacts {
     /// Of a robot that touches itself in a scene, under a law that knows of that.
     fn new(robot: &Robot, scene: &Scene, beads: &Beads) -> Option<Self> {
-        let (SelfContact::Touching { compliance }, ContactLaw::Compliant { .. }) =
-            (scene.self_contact(), scene.contact_law())
+        let (
+            SelfContact::Touching {
+                compliance,
+                friction,
+            },
+            ContactLaw::Compliant { .. },
+        ) = (scene.self_contact(), scene.contact_law())
         else {
             return None;
         };
         let discs = 0..robot.discs().len();
         let widest = discs.map(|disc| beads.enclosing(disc)).fold(0.0, f64::max);
         let pairs = PairNeighbourhood::new(robot, beads, OWN_REACH * widest);
-        Some(Self { pairs, compliance })
+        Some(Self {
+            pairs,
+            compliance,
+            friction,
+        })
     }
 }
 

@@ -62,9 +62,19 @@ impl Ties {
                 continue;
             };
             let at_rest = law.impulse + law.inertance * (touch.velocity - touch.free);
-            let impulse = touch.normal.dot(&at_rest);
             let ends = [(disc, touch.arm), other];
-            self.add(&ends, &touch.normal, (touch.push.inertance, impulse));
+            let mut rest = at_rest;
+            let axes = touch.axes().into_iter();
+            for (axis, inertance) in axes.filter(|(_, inertance)| *inertance > 0.0) {
+                let impulse = axis.dot(&at_rest);
+                self.add(&ends, &axis, (inertance, impulse));
+                rest -= axis * impulse;
+            }
+            if touch.bound > 0.0 {
+                for ((disc, arm), sign) in ends.iter().zip([1.0, -1.0]) {
+                    reactions[*disc].push(arm, &(rest * sign), &Matrix3::zeros());
+                }
+            }
         }
         for tendon in tendons {
             let law = tendon.law();

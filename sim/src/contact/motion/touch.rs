@@ -115,6 +115,32 @@ impl Touch {
         }
     }
 
+    /// Directions of length 1 in which a change of its velocity diminishes the impulse along them, and by how much (kg), of a contact
+    /// whose gradient is of length 1: the parts of its inertance.
+    pub fn axes(&self) -> [(Vector3<f64>, f64); 3] {
+        let normal = match self.pressed(&self.velocity) > 0.0 {
+            true => self.push.inertance,
+            false => 0.0,
+        };
+        let sliding = self.velocity - self.normal * self.normal.dot(&self.velocity);
+        let speed = sliding.norm();
+        // Friction that slides does not change with the speed.
+        let (along, held) = match speed > STICK {
+            true => (sliding / speed, 0.0),
+            false => {
+                let least = self.normal.iamin();
+                let aside = self.normal.cross(&Vector3::ith(least, 1.0));
+                (aside.normalize(), self.bound / STICK)
+            }
+        };
+        let across = self.normal.cross(&along);
+        [
+            (self.normal, normal),
+            (along, held),
+            (across, self.bound / speed.max(STICK)),
+        ]
+    }
+
     /// Whether it slides at its velocity.
     pub fn sliding(&self) -> Sliding {
         let along = self.velocity - self.normal * self.normal.dot(&self.velocity);

@@ -8,6 +8,7 @@ use super::equations::Equations;
 use super::law::Hardness;
 use super::near_pairs::PairNeighbourhood;
 use super::report::report;
+use super::rubbing::check_own_friction;
 use super::{Contact, ContactEquilibrium, ContactError, ContactSensitivity, Sliding};
 use crate::chain::Configuration;
 use crate::energy::following::follows;
@@ -196,12 +197,16 @@ impl ContactSettler {
     /// do those of a scene with [smoothing](Scene::with_smoothing), as its surfaces push each other before they touch.
     ///
     /// # Errors
-    /// As [`settle`](Self::settle) where nothing has settled, else as [`settle_from`](Self::settle_from).
+    /// As [`settle`](Self::settle) where nothing has settled, else as [`settle_from`](Self::settle_from);
+    /// [`ContactError::SelfFriction`] for friction between discs.
     pub fn follow(
         &mut self,
         command: &Command,
         loads: &Loads,
     ) -> Result<&ContactEquilibrium, ContactError> {
+        if self.scene().smoothing() == 0.0 {
+            check_own_friction(self.scene())?;
+        }
         if !self.result.equilibrium.converged {
             return self.settle(command, loads);
         }

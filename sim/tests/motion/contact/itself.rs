@@ -9,7 +9,7 @@ use tdcr_sim::scene::{Scene, SelfContact};
 use super::{among, beads};
 
 /// All modules pulled to one side, so that the tip curls onto the lower discs.
-fn curling(robot: &Robot, side: usize) -> Command {
+pub fn curling(robot: &Robot, side: usize) -> Command {
     let pull = |tendon: usize| if tendon % 3 == side { 0.036 } else { 0.004 };
     let values: Vec<f64> = (0..robot.tendons().len()).map(pull).collect();
     robot.command(&values).unwrap()

@@ -4,6 +4,7 @@ mod friction;
 mod held;
 mod hostile;
 mod itself;
+mod own_friction;
 mod rest;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

@@ -193,7 +193,14 @@ pub fn impulses(stepper: &ContactStepper, state: &State) -> DVector<f64> {
             let own = turned[disc].inverse() * (contact.point - positions[disc]);
             let there = ahead.0[disc] + ahead.1[disc] * own;
             let here = behind.0[disc] + behind.1[disc] * own;
-            out[coordinate] += h * contact.force.dot(&((there - here) / (2.0 * size)));
+            let mut moved = there - here;
+            // The opposite force is at the same point of the other disc.
+            if let Some(disc) = contact.partner.disc() {
+                let own = turned[disc].inverse() * (contact.point - positions[disc]);
+                moved -= ahead.0[disc] + ahead.1[disc] * own;
+                moved += behind.0[disc] + behind.1[disc] * own;
+            }
+            out[coordinate] += h * contact.force.dot(&(moved / (2.0 * size)));
         }
     }
     out

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use tdcr_sim::geometry::{Pipe, Shape};
 use tdcr_sim::scene::{
     ContactLaw, Impedance, Obstacle, ObstacleShape, ObstacleSpec, Scene, SceneError, SceneSpec,
-    ShapeSpec,
+    SelfContact, ShapeSpec,
 };
 
 use super::{SHELF, STL, scene};
@@ -160,6 +160,25 @@ fn what_is_written_is_read_as_the_same() {
         "{text}"
     );
     assert_eq!(text.matches("mass").count(), 2, "{text}");
+}
+
+#[test]
+fn friction_between_discs_is_read_and_written() {
+    let own = |text: &str| scene(text).unwrap().self_contact();
+    let rough = SelfContact::Touching {
+        compliance: 1e-6,
+        friction: 0.3,
+    };
+    assert_eq!(own("self_contact = { compliance = 1e-6 }"), own(""));
+    assert_eq!(own("self_contact = { friction = 0.3 }"), rough);
+    let read = scene("self_contact = { friction = 0.3 }").unwrap();
+    let written = read.to_toml().unwrap();
+    assert_eq!(own(&written), rough, "{written}");
+    let refused = scene("self_contact = { friction = -1 }").unwrap_err();
+    assert!(
+        (refused.to_string()).contains("`self_contact.friction` is -1; expected a number from 0"),
+        "{refused}"
+    );
 }
 
 #[test]

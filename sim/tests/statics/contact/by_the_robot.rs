@@ -181,7 +181,12 @@ fn what_a_rod_presses_of_its_own_robot_moves_with_the_pitch() {
     let pressed = Pressed {
         command: robot.command(&[0.295, 0.51, 0.504]).unwrap(),
         scene: Scene::new(Vec::new())
-            .and_then(|scene| scene.with_self_contact(SelfContact::Touching { compliance: 1e-4 }))
+            .and_then(|scene| {
+                scene.with_self_contact(SelfContact::Touching {
+                    compliance: 1e-4,
+                    friction: 0.0,
+                })
+            })
             .unwrap(),
         robot,
     };
