@@ -476,7 +476,7 @@ def test_discs_rub_in_motion_and_not_along_paths() -> None:
         across = np.linalg.norm(contacts.force - normal[:, None] * contacts.normal, axis=1)
         assert (across <= 0.4 * normal + 1e-5 * normal.max(initial=0.0)).all()
         words |= set(contacts.sliding)
-    assert words == {"sticks", "slips"} or words == {"slips"}
+    assert "slips" in words
     with pytest.raises(ContactError, match=r"self_contact.friction` is 0.4"):
         tdcr.follow(robot, [command, command], scene=rough)
     with pytest.raises(SceneError, match=r"self_contact.friction` is -1"):

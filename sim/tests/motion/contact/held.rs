@@ -11,9 +11,8 @@ use tdcr_sim::robot::{
 use tdcr_sim::scene::{ContactLaw, Impedance, Obstacle, Scene, SelfContact};
 use tdcr_sim::simulation::{MovingRobot, Simulation};
 
-use super::among;
 use super::rest::impulses;
-use super::scenes::scene;
+use super::{among, scene};
 use crate::random_robot::within;
 
 const BOTH: [Integrator; 2] = [Integrator::SemiImplicitEuler, Integrator::ImplicitEuler];
