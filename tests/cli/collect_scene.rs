@@ -208,7 +208,11 @@ fn obstacles_are_moved_for_each_sample_and_clouds_are_those_of_the_moved_scene()
     }
     assert!(places.len() >= 4 && places[0] != places[1]);
     let info = succeed(&["data", "info", text(&path("one"))]);
-    assert!(info.contains("18, "), "{info}");
+    let moved = "2: post, shelf; moved by 12 numbers of a sample (m, rad)";
+    assert!(
+        info.contains(moved) && info.contains("6, values from"),
+        "{info}"
+    );
 }
 
 #[test]
