@@ -61,22 +61,22 @@ fn lengths_are_above_0_and_at_most_1e6_m() {
 #[test]
 fn numbers_are_finite_and_of_a_size() {
     let ball = |field: &str| format!("sphere = {{ radius = 1 }}\n{field}");
-    for (field, least) in [
-        ("compliance", "from 0 to"),
-        ("friction", "from 0 to"),
-        ("mass", "above 0, at most"),
+    for (field, expected) in [
+        ("compliance", "a number from 0 to 1e15"),
+        ("friction", "a number from 0 to 1e15"),
+        ("mass", "a mass above 0, at most 1e9 kg"),
     ] {
         for value in ["-1", "nan", "inf", "1e16"] {
             let shown = value
                 .replace("nan", "NaN")
                 .replace("1e16", "10000000000000000");
-            let expected = format!("field `{field}` is {shown}; expected a number {least} 1e15");
+            let expected = format!("field `{field}` is {shown}; expected {expected}");
             check(&ball(&format!("{field} = {value}")), &expected);
         }
     }
     check(
         &ball("mass = 0"),
-        "field `mass` is 0; expected a number above 0, at most 1e15",
+        "field `mass` is 0; expected a mass above 0, at most 1e9 kg",
     );
     check(
         "half_space = {}\nmass = 1",
