@@ -10,7 +10,5 @@ mod loads;
 mod outputs;
 #[path = "../common/random_robot.rs"]
 mod random_robot;
-#[path = "../common/scenes.rs"]
-mod scenes;
 mod sensitivity;
 mod stability;

@@ -6,11 +6,14 @@ use tdcr_sim::geometry::Shape;
 use tdcr_sim::robot::Robot;
 use tdcr_sim::scene::{Obstacle, ObstacleShape, Scene};
 
-use crate::scenes::{self, Place};
+use plain::Place;
+
+#[path = "../../common/scenes.rs"]
+mod plain;
 
 /// A random scene of 1 to 5 obstacles of all shapes about a robot; a few are in the way of the straight robot.
 pub fn scene(rng: &mut ChaCha8Rng, robot: &Robot) -> Scene {
-    scenes::scene(rng, robot, obstacle)
+    plain::scene(rng, robot, obstacle)
 }
 
 fn obstacle(rng: &mut ChaCha8Rng, name: &str, place: &Place) -> Obstacle {
