@@ -30,7 +30,7 @@ pub struct ContactSensitivity {
     base: Vector3<f64>,
     contacts: Vec<Pressed>,
     /// Of each disc the force that keeps its direction (N), and its couples (N m): [`DeadForces::wrenches`].
-    dead: Vec<(Vector3<f64>, Matrix3<f64>)>,
+    dead: Vec<(Vector3<f64>, Option<Matrix3<f64>>)>,
     /// Of each disc the moment that keeps its direction (N m), which only a robot without obstacles bears.
     moments: Vec<Vector3<f64>>,
     /// Origin of each obstacle (m).
@@ -122,12 +122,13 @@ impl ContactSensitivity {
         let sensitivity = Sensitivity::pressed(robot, command, loads, found, pressing)?;
         let mut dead = DeadForces::new(robot);
         dead.set(robot, loads);
+        let discs = chain.positions.len();
         Ok(Self {
             sensitivity,
             base: robot.base(),
             contacts,
-            dead: dead.wrenches(&chain),
-            moments: loads.world_moments(chain.positions.len()),
+            dead: (0..discs).map(|disc| dead.wrench(disc, &chain)).collect(),
+            moments: loads.world_moments(discs),
             origins: (scene.obstacles().iter())
                 .map(|obstacle| obstacle.pose.translation.vector)
                 .collect(),
@@ -235,7 +236,7 @@ impl ContactSensitivity {
         }
         let virtual_motions = motions.iter().map(|own| [own.position, own.rotation]);
         gradient.base.rotation +=
-            DeadForces::pull_back_base(&self.dead, &self.moments, virtual_motions);
+            DeadForces::pull_back_base(self.dead.iter().copied(), &self.moments, virtual_motions);
         for (cotangent, position) in cotangents.iter().zip(&self.chain.positions) {
             gradient.base.position += cotangent.position;
             gradient.base.rotation +=
@@ -275,8 +276,8 @@ impl ContactSensitivity {
     ) -> impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> {
         let turn = motion.rotation;
         self.dead.iter().map(move |(force, couples)| {
-            let turned = turn.cross_matrix() * couples;
-            (turn.cross(force), -twist(&turned))
+            let turned = couples.map(|couples| -twist(&(turn.cross_matrix() * couples)));
+            (turn.cross(force), turned.unwrap_or_default())
         })
     }
 }

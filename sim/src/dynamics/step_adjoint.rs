@@ -224,9 +224,9 @@ impl StepAdjoint {
             turn += multiplier;
             [centre + turn.cross(&(chain.positions[k] - below)), turn]
         });
-        let dead = equations.forces.dead.wrenches(chain);
-        let moments = loads.world_moments(dead.len());
-        *rotation += DeadForces::pull_back_base(&dead, &moments, motions);
+        let discs = self.multipliers.len();
+        let dead = (0..discs).map(|disc| equations.forces.dead.wrench(disc, chain));
+        *rotation += DeadForces::pull_back_base(dead, &loads.world_moments(discs), motions);
     }
 
     /// Whether it is of a robot among surroundings.

@@ -28,11 +28,12 @@ pub(crate) struct DeadForces {
 }
 
 impl Loads {
-    /// Of each of so many discs the sum of the moments that keep their direction (N m), world axes.
+    /// Of each of so many discs the sum of the moments that keep their direction (N m), world axes; empty where there are none.
     pub(crate) fn world_moments(&self, discs: usize) -> Vec<Vector3<f64>> {
-        let mut moments = vec![Vector3::zeros(); discs];
+        let mut moments = Vec::new();
         for wrench in self.wrenches() {
-            if wrench.frame == Frame::World {
+            if wrench.frame == Frame::World && wrench.moment != [0.0; 3] {
+                moments.resize(discs, Vector3::zeros());
                 moments[wrench.disc] += Vector3::from(wrench.moment);
             }
         }
@@ -124,34 +125,36 @@ impl DeadForces {
         (*couple != Matrix3::zeros()).then(|| couple * orientation.transpose())
     }
 
-    /// Of each disc the force on its origin (N), and the couples about there, the sum of `f r'` in world axes (N m); the payload's
-    /// among them.
-    pub fn wrenches(&self, chain: &Chain) -> Vec<(Vector3<f64>, Matrix3<f64>)> {
-        let mut wrenches: Vec<_> = (self.at_origin.iter().enumerate())
-            .map(|(k, force)| (*force, self.couples[k] * chain.disc(k).transpose()))
-            .collect();
-        if let Some((force, couples)) = wrenches.last_mut() {
-            let tip = chain.positions.len() - 1;
-            let hung = chain.centres[tip] + chain.disc(tip) * self.payload_arm;
-            *force += self.payload;
-            *couples += self.payload * (hung - chain.positions[tip]).transpose();
+    /// Of a disc the force on its origin (N), and the couples about there, the sum of `f r'` in world axes (N m), `None` where all forces
+    /// act on the origin; the payload's among them.
+    pub fn wrench(&self, disc: usize, chain: &Chain) -> (Vector3<f64>, Option<Matrix3<f64>>) {
+        let orientation = chain.disc(disc);
+        let (force, couples) = (self.at_origin[disc], self.couple(disc, orientation));
+        if disc + 1 < self.at_origin.len() {
+            return (force, couples);
         }
-        wrenches
+        let hung = chain.centres[disc] + orientation * self.payload_arm;
+        let own = self.payload * (hung - chain.positions[disc]).transpose();
+        (
+            force + self.payload,
+            Some(couples.unwrap_or_default() + own),
+        )
     }
 
     /// Derivatives by a rotation of the base (rad, world axes) of a cost that has these derivatives by a force on each disc's origin and by a
-    /// moment: seen from the base, dead `wrenches` ([`DeadForces::wrenches`]) and `moments` turn the other way.
+    /// moment: seen from the base, dead `wrenches` ([`DeadForces::wrench`]) and `moments` ([`Loads::world_moments`]) turn the other way.
     pub fn pull_back_base(
-        wrenches: &[(Vector3<f64>, Matrix3<f64>)],
+        wrenches: impl IntoIterator<Item = (Vector3<f64>, Option<Matrix3<f64>>)>,
         moments: &[Vector3<f64>],
         cotangents: impl IntoIterator<Item = [Vector3<f64>; 2]>,
     ) -> Vector3<f64> {
-        let dead = wrenches.iter().zip(moments).zip(cotangents);
-        dead.map(|(((force, couples), moment), [by_force, by_moment])| {
-            couples.tr_mul(&by_moment)
-                - by_moment * couples.trace()
-                - force.cross(&by_force)
-                - moment.cross(&by_moment)
+        let dead = wrenches.into_iter().zip(cotangents).enumerate();
+        dead.map(|(disc, ((force, couples), [by_force, by_moment]))| {
+            let couples = couples.map_or_else(Vector3::zeros, |couples| {
+                couples.tr_mul(&by_moment) - by_moment * couples.trace()
+            });
+            let moment = moments.get(disc).map(|moment| moment.cross(&by_moment));
+            couples - force.cross(&by_force) - moment.unwrap_or_default()
         })
         .sum()
     }
