@@ -20,6 +20,7 @@ use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError, SketchError};
 use tdcr::sim::inverse::calibration::CalibrationError;
 use tdcr::sim::inverse::shape::ShapeControlError;
+use tdcr::sim::objects::ObjectError;
 use tdcr::sim::robot::{CommandError, LoadsError, ParameterError, SpecError};
 use tdcr::sim::scene::SceneError;
 use tdcr::sim::sensitivity::SensitivityError;
@@ -170,6 +171,9 @@ impl From<DynamicsError> for Failure {
         match error {
             DynamicsError::Load(error) => error.into(),
             DynamicsError::Parameter(error) => error.into(),
+            DynamicsError::Objects(
+                error @ (ObjectError::State { .. } | ObjectError::Count { .. }),
+            ) => Self::Of("InputError", error.to_string()),
             other => Self::Of("DynamicsError", other.to_string()),
         }
     }

@@ -63,6 +63,12 @@ def vector(name: str, count: int, **arguments: Any) -> Any:
     return gymnasium.make_vec(f"tdcr/{name}-v0", count, "vector_entry_point", **arguments)
 
 
+def begun(name: str, count: int) -> Any:
+    env = vector(name, count)
+    env.reset(seed=0)
+    return env
+
+
 def actions(count: int, steps: int) -> np.ndarray:
     return np.random.default_rng(3).uniform(-1.2, 1.2, (steps, count, 6)).astype(np.float32)
 
@@ -155,7 +161,7 @@ def test_ended_environments_must_be_reset_where_nothing_else_does() -> None:
         (lambda: vector("Reach2m", 2).reset(seed=[1]), "1 seeds; expected 2"),
         (lambda: vector("Reach2m", 2).reset(options={"reset_mask": [True, False]}), "expected an array of 2 flags"),
         (lambda: vector("Reach2m", 2).reset(options={"reset_mask": np.zeros(2, bool)}), "no entry that is true"),
-        (lambda: vector("Reach2m", 2).step(np.zeros((3, 6))), r"have shape \(3, 6\); expected \(2, 6\)"),
+        (lambda: begun("Reach2m", 2).step(np.zeros((3, 6))), r"have shape \(3, 6\); expected \(2, 6\)"),
     ],
 )
 def test_what_makes_no_sense_is_refused(call: Any, says: str) -> None:
