@@ -162,7 +162,7 @@ fn what_sticks_is_a_spring_along_the_surface() {
     let robot = Robot::load("3m").unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let (mut compared, mut broken) = (0, 0);
-    for _ in 0..60 {
+    for _ in 0..30 {
         let scene = rough(&scene(&mut rng, &robot));
         let mut follower = ContactSettler::new(&robot, &scene);
         let start = robot.mean_command();
