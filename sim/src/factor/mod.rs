@@ -213,8 +213,8 @@ impl Factor {
         inverse
     }
 
-    /// The same of hinges, which turn about their axes alone, and whose second derivatives are those along the angles. Apart from that of
-    /// ball joints, which it would slow down by 4 %.
+    /// The same of hinges, which turn about their axes alone, and whose second derivatives are those along the angles. Out of the loop,
+    /// which is of ball joints nearly always.
     #[cold]
     #[inline(never)]
     fn inverse_of_hinges(
