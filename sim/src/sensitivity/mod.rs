@@ -278,7 +278,9 @@ impl Sensitivity {
         match &self.system {
             System::Chain(factor) => factor.solve(joint, disc, &mut solution),
             System::Loaded(factor) => factor.solve(joint, disc, side, &mut solution),
-            System::Touching(factor, _) => factor.solve(joint, disc, &mut solution),
+            System::Touching(factor, pressing) => {
+                self.solve_pressed((factor, pressing), joint, disc, &mut solution);
+            }
         }
         solution
     }

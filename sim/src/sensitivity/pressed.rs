@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::{Sensitivity, System};
 use crate::energy::Pressing;
-use crate::factor::Side;
+use crate::factor::{PairedLu, Side, project};
 use crate::model_tangent::ModelTangent;
 use crate::pose::{PoseTangent, levers, motions};
 
@@ -35,6 +35,69 @@ impl Sensitivity {
         match &self.system {
             System::Touching(_, pressing) => Some(pressing),
             System::Chain(_) | System::Loaded(_) => None,
+        }
+    }
+
+    /// Solves where contacts press, and once more for what rounding leaves (iterative refinement: Higham, Accuracy and Stability of
+    /// Numerical Algorithms, ch. 12): contacts are stiffer than the robot by many orders of magnitude, and the factors mix both.
+    pub(super) fn solve_pressed(
+        &self,
+        (factor, pressing): (&PairedLu, &Pressing),
+        joint: &[Vector3<f64>],
+        disc: &[Vector3<f64>],
+        solution: &mut [Vector3<f64>],
+    ) {
+        factor.solve(joint, disc, solution);
+        let none = vec![Vector3::zeros(); joint.len()];
+        let mut left = none.clone();
+        self.expansion.product(solution, &mut left);
+        self.add_pressed(pressing, solution, &mut left);
+        let mut above = Vector3::zeros();
+        for (left, (joint, disc)) in left.iter_mut().zip(joint.iter().zip(disc)).rev() {
+            above += disc;
+            *left = joint + above - *left;
+        }
+        project(&self.posture.chain.hinges, &mut left);
+        let mut correction = none.clone();
+        factor.solve(&left, &none, &mut correction);
+        (solution.iter_mut().zip(&correction)).for_each(|(turn, own)| *turn += own);
+    }
+
+    /// Adds the product of what contacts add to the Hessian and the joints' `turns`.
+    fn add_pressed(&self, pressing: &Pressing, turns: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        let centres = &self.posture.chain.centres;
+        let motions = motions(centres, turns);
+        // Of each disc the force, and the moment about the centre of its joint.
+        let mut wrenches: Vec<(Vector3<f64>, Vector3<f64>)> = (pressing.forms.iter().zip(&motions))
+            .map(|(form, (turn, shift))| {
+                let [turns, mixed, levered, shifts] = [(0, 0), (0, 3), (3, 0), (3, 3)]
+                    .map(|(row, column)| form.fixed_view::<3, 3>(row, column));
+                (
+                    levered * turn + shifts * shift,
+                    turns * turn + mixed * shift,
+                )
+            })
+            .collect();
+        for pair in &pressing.pairs {
+            let [first, second] = pair.points.map(|point| {
+                let (turn, shift) = motions[point.disc];
+                shift + turn.cross(&(point.position - centres[point.disc]))
+            });
+            let force = pair.form() * (first - second);
+            for (point, force) in pair.points.iter().zip([force, -force]) {
+                let wrench = &mut wrenches[point.disc];
+                wrench.0 += force;
+                wrench.1 += (point.position - centres[point.disc]).cross(&force);
+            }
+        }
+        let (mut above, mut moment) = (Vector3::zeros(), Vector3::zeros());
+        for joint in (0..out.len()).rev() {
+            if let Some(next) = centres.get(joint + 1) {
+                moment += (next - centres[joint]).cross(&above);
+            }
+            above += wrenches[joint].0;
+            moment += wrenches[joint].1;
+            out[joint] += moment;
         }
     }
 
