@@ -1,20 +1,16 @@
 //! Composite bodies: everything from a disc up taken as one, for the mass matrix, the bias and the
 //! derivatives of the inverse dynamics.
 //!
-//! Spatial vectors (Featherstone, Rigid Body Dynamics Algorithms, ch. 2), in world axes about the
-//! base's origin: motions `[angular; linear]`, forces `[moment; force]`.
-//!
 //! Turning joint `j` by `X` moves everything above like a rigid body, so in the moved axes only the
 //! motion of what is below has changed: the velocities by the constant `U = V_(j-1) x X`, and the
-//! forces of body `k` by `I_k (A_(j-1) x X + V_(j-1) x U) + B_k U`, with
-//! `B_k U = U x* I_k V_k + V_k x* I_k U - I_k (V_k x U)`. Sums over the bodies above give the
+//! forces of body `k` by `I_k (A_(j-1) x X + V_(j-1) x U) + B_k U` ([`Coriolis`]). Sums over the bodies above give the
 //! derivatives of the inverse dynamics in O(n²) (in the spirit of Singh, Russell and Wensing, IEEE
 //! Robotics and Automation Letters 7, 2022).
 
-use nalgebra::{Matrix3, Matrix6, Matrix6x3, SMatrix, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6x3, SMatrix, Vector3, Vector6};
 
 use super::acceleration::EquationsOfMotion;
-use super::links::RigidBody;
+use super::spatial::{Coriolis, SpatialInertia, cross_force, cross_motion, cross_motions, stack};
 
 /// A joint, and the bodies from its disc up; or one hinge of a joint, and all that it carries: of several hinges the lower ones
 /// carry bodies without mass, so that the axis of each is fixed to what it carries.
@@ -31,8 +27,8 @@ pub(super) struct Composite {
     /// Acceleration of the body below.
     pub acceleration_below: Vector6<f64>,
     /// Sums over the bodies above: inertia, `B`, and the force that accelerates them.
-    pub inertia: Matrix6<f64>,
-    pub coriolis: Matrix6<f64>,
+    pub inertia: SpatialInertia,
+    pub coriolis: Coriolis,
     pub force: Vector6<f64>,
 }
 
@@ -45,18 +41,18 @@ pub(super) struct Moved {
 
 impl Moved {
     pub fn by_turn(joint: &Composite) -> Self {
-        let below = cross_motion(&joint.velocity_below);
-        let velocity = below * joint.axes;
+        let velocity = cross_motions(&joint.velocity_below, &joint.axes);
         Self {
             velocity,
-            rest: cross_motion(&joint.acceleration_below) * joint.axes + below * velocity,
+            rest: cross_motions(&joint.acceleration_below, &joint.axes)
+                + cross_motions(&joint.velocity_below, &velocity),
         }
     }
 
     pub fn by_rate(joint: &Composite) -> Self {
         Self {
             velocity: joint.axes,
-            rest: cross_motion(&(joint.velocity_below + joint.velocity)) * joint.axes,
+            rest: cross_motions(&(joint.velocity_below + joint.velocity), &joint.axes),
         }
     }
 
@@ -89,8 +85,8 @@ impl Composite {
             velocity,
             velocity_below,
             acceleration_below,
-            inertia: Matrix6::zeros(),
-            coriolis: Matrix6::zeros(),
+            inertia: SpatialInertia::default(),
+            coriolis: Coriolis::default(),
             force: Vector6::zeros(),
         }
     }
@@ -104,14 +100,14 @@ impl Composite {
     }
 
     pub fn force_change(&self, moved: &Moved) -> Matrix6x3<f64> {
-        self.inertia * moved.rest + self.coriolis * moved.velocity
+        self.inertia.times_columns(&moved.rest) + self.coriolis.times_columns(&moved.velocity)
     }
 
     /// The part of [`force_change`](Self::force_change) along the joint's axes is the transpose of this times [`Moved::stacked`].
     pub fn force_along(&self) -> SMatrix<f64, 12, 3> {
         one_above_other(
-            &self.inertia.tr_mul(&self.axes),
-            &self.coriolis.tr_mul(&self.axes),
+            &self.inertia.times_columns(&self.axes),
+            &self.coriolis.transpose_times_columns(&self.axes),
         )
     }
 }
@@ -170,8 +166,8 @@ pub(super) fn compose_on(
         if i == last {
             body = body.with(&equations.payload.body(orientation));
         }
-        let inertia = spatial_inertia(&body, &centre);
-        let momentum = inertia * v;
+        let inertia = SpatialInertia::new(&body, &centre);
+        let momentum = inertia.times(&v);
         out.push(Composite {
             joint: i,
             hinge: upper,
@@ -180,17 +176,21 @@ pub(super) fn compose_on(
             velocity_below,
             acceleration_below,
             inertia,
-            coriolis: cross_force(&v) * inertia - inertia * cross_motion(&v)
-                + cross_with_force(&momentum),
-            force: inertia * a + cross_force(&v) * momentum,
+            coriolis: Coriolis::new(&inertia, &v, &momentum),
+            force: inertia.times(&a) + cross_force(&v, &momentum),
         });
     }
     // Sums over the bodies above.
     for i in (0..out.len() - 1).rev() {
-        let above = out[i + 1];
-        out[i].inertia += above.inertia;
-        out[i].coriolis += above.coriolis;
-        out[i].force += above.force;
+        let Composite {
+            inertia,
+            coriolis,
+            force,
+            ..
+        } = out[i + 1];
+        out[i].inertia += inertia;
+        out[i].coriolis += coriolis;
+        out[i].force += force;
     }
 }
 
@@ -210,61 +210,5 @@ fn go_above(
 ) {
     let rate = axes * velocity;
     *v += rate;
-    *a += axes * acceleration + cross_motion(v) * rate;
-}
-
-/// Inertia about the base's origin of a body given about a joint's `centre`.
-fn spatial_inertia(body: &RigidBody, centre: &Vector3<f64>) -> Matrix6<f64> {
-    let moment = body.moment + centre * body.mass;
-    let shift =
-        centre * (centre * body.mass + body.moment).transpose() + body.moment * centre.transpose();
-    let rotational = body.inertia.matrix() + Matrix3::identity() * shift.trace() - shift;
-    let coupling = moment.cross_matrix();
-    blocks(
-        &rotational,
-        &coupling,
-        &-coupling,
-        &(Matrix3::identity() * body.mass),
-    )
-}
-
-/// `[v]x` on motions.
-fn cross_motion(v: &Vector6<f64>) -> Matrix6<f64> {
-    let (angular, linear) = halves(v);
-    let spin = angular.cross_matrix();
-    blocks(&spin, &Matrix3::zeros(), &linear.cross_matrix(), &spin)
-}
-
-/// `[v]x*` on forces.
-pub(super) fn cross_force(v: &Vector6<f64>) -> Matrix6<f64> {
-    let (angular, linear) = halves(v);
-    let spin = angular.cross_matrix();
-    blocks(&spin, &linear.cross_matrix(), &Matrix3::zeros(), &spin)
-}
-
-/// `x* f`: what takes a motion `u` to `u x* f`.
-pub(super) fn cross_with_force(f: &Vector6<f64>) -> Matrix6<f64> {
-    let (moment, force) = halves(f);
-    let force = -force.cross_matrix();
-    blocks(&-moment.cross_matrix(), &force, &force, &Matrix3::zeros())
-}
-
-fn halves(v: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    (v.fixed_rows::<3>(0).into(), v.fixed_rows::<3>(3).into())
-}
-
-fn stack(upper: &Matrix3<f64>, lower: &Matrix3<f64>) -> Matrix6x3<f64> {
-    let mut out = Matrix6x3::zeros();
-    out.fixed_view_mut::<3, 3>(0, 0).copy_from(upper);
-    out.fixed_view_mut::<3, 3>(3, 0).copy_from(lower);
-    out
-}
-
-fn blocks(a: &Matrix3<f64>, b: &Matrix3<f64>, c: &Matrix3<f64>, d: &Matrix3<f64>) -> Matrix6<f64> {
-    let mut out = Matrix6::zeros();
-    out.fixed_view_mut::<3, 3>(0, 0).copy_from(a);
-    out.fixed_view_mut::<3, 3>(0, 3).copy_from(b);
-    out.fixed_view_mut::<3, 3>(3, 0).copy_from(c);
-    out.fixed_view_mut::<3, 3>(3, 3).copy_from(d);
-    out
+    *a += axes * acceleration + cross_motion(v, &rate);
 }

@@ -210,7 +210,7 @@ pub(super) fn mass_matrix(composites: &[Composite], armatures: &[Vector3<f64>]) 
     let dof = 3 * armatures.len();
     let mut mass = Mat::zeros(dof, dof);
     for (i, upper) in composites.iter().enumerate() {
-        let rows = upper.axes.tr_mul(&upper.inertia);
+        let rows = upper.inertia.times_columns(&upper.axes).transpose();
         for (j, lower) in composites[..=i].iter().enumerate() {
             let block: Matrix3<f64> = rows * lower.axes;
             for (r, c) in (0..9).map(|k| (k / 3, k % 3)) {

@@ -5,11 +5,12 @@ use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, MatMut};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-use super::composite::{Composite, Moved, cross_with_force};
+use super::composite::{Composite, Moved};
 use super::expansion::StepExpansion;
 use super::implicit::{in_coordinates, mass_matrix};
 use super::jacobians::step_jacobians;
 use super::rubbing::first_rubbing;
+use super::spatial::cross_forces;
 use super::step_adjoint::StepAdjoint;
 use super::{DynamicsError, State};
 use crate::energy::following::jacobian;
@@ -176,8 +177,7 @@ impl Lineariser {
         for (j, turned) in composites.iter().enumerate() {
             let by_turn = Moved::by_turn(turned);
             let by_rate = Moved::by_rate(turned);
-            let below =
-                turned.force_change(&by_turn) + cross_with_force(&turned.force) * turned.axes;
+            let below = turned.force_change(&by_turn) + cross_forces(&turned.axes, &turned.force);
             let below_rate = turned.force_change(&by_rate);
             let [by_turn, by_rate] = [by_turn.stacked(), by_rate.stacked()];
             for (i, joint) in composites.iter().enumerate() {

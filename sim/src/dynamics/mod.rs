@@ -72,6 +72,7 @@ mod rubbing;
 mod runge_kutta;
 mod servos;
 mod small_motions;
+mod spatial;
 mod state;
 mod step_adjoint;
 mod stepper;

@@ -8,10 +8,10 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Vector3, Vector6};
 
-use super::composite::cross_force;
 use super::expansion::StepExpansion;
 use super::obstacles::ObstacleGradient;
 use super::reaction::{Reaction, torques_of};
+use super::spatial::{cross_force, halves, spatial};
 use crate::factor::{ChainLu, ChainMatrix, ContactLu, Inflow, RubbedMatrix, Side};
 use crate::model_tangent::ModelTangent;
 use crate::robot::HingeAxes;
@@ -306,7 +306,7 @@ pub(super) fn pull_back_pushes(
         }
         let mut by_motion = above.by_motion;
         for (below, by_velocity) in below[j].iter().zip(&above.by_velocity) {
-            by_motion -= cross_force(below) * by_velocity;
+            by_motion -= cross_force(below, by_velocity);
         }
         let by_turn = composite.axes.tr_mul(&by_motion);
         let by_rate = composite
@@ -398,29 +398,25 @@ impl Pushed {
     ) -> Vector3<f64> {
         let mut by_point = Vector3::zeros();
         for ((force, motion), sum) in forces.iter().zip(motions).zip(&mut self.by_velocity) {
-            let spatial = stacked(&point.cross(force), force);
-            *sum += spatial;
-            self.by_motion += cross_force(motion) * spatial;
-            by_point += force.cross(&Vector3::new(motion[0], motion[1], motion[2]));
+            let wrench = spatial(&point.cross(force), force);
+            *sum += wrench;
+            self.by_motion += cross_force(motion, &wrench);
+            by_point += force.cross(&halves(motion).0);
         }
         by_point
     }
 
     fn displace(&mut self, point: &Vector3<f64>, by_place: &Vector3<f64>) {
-        self.by_motion += stacked(&point.cross(by_place), by_place);
+        self.by_motion += spatial(&point.cross(by_place), by_place);
     }
 
     fn turn(&mut self, by_turn: &Vector3<f64>) {
-        self.by_motion += stacked(by_turn, &Vector3::zeros());
+        self.by_motion += spatial(by_turn, &Vector3::zeros());
     }
-}
-
-fn stacked(upper: &Vector3<f64>, lower: &Vector3<f64>) -> Vector6<f64> {
-    Vector6::new(upper.x, upper.y, upper.z, lower.x, lower.y, lower.z)
 }
 
 /// Velocity of a point by a spatial velocity.
 fn at(motion: &Vector6<f64>, point: &Vector3<f64>) -> Vector3<f64> {
-    let turn = Vector3::new(motion[0], motion[1], motion[2]);
-    Vector3::new(motion[3], motion[4], motion[5]) + turn.cross(point)
+    let (turn, shift) = halves(motion);
+    shift + turn.cross(point)
 }

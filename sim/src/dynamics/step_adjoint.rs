@@ -8,7 +8,6 @@
 
 use nalgebra::{Vector3, Vector6};
 
-use super::composite::{Moved, cross_with_force};
 use super::expansion::StepExpansion;
 use super::inertia_cotangent::pull_back_inertia;
 use super::jacobians::step_jacobians;
@@ -18,6 +17,7 @@ use super::reaction::Reaction;
 use super::rollout::StepLoads;
 use super::rubbing::{RubbedStep, Rubbing, first_rubbing};
 use super::servos::Acting;
+use super::spatial::cross_force;
 use super::surroundings::Surroundings;
 use super::{DynamicsError, Integrator, Rollout, State, Stepper};
 use crate::chain::Configuration;
@@ -405,22 +405,24 @@ impl StepAdjoint {
                 below
             })
             .collect();
-        // From the tip down: what a moved joint does to the forces on those above it, I S w and B' S w, and below it.
+        // From the tip down: what a moved joint does to the forces on those above it, I S w and B' S w, and below it; transposed, as
+        // [`Moved`](super::composite::Moved) has it. The transpose of `v x` is minus `v x*`.
         let (mut inertia, mut coriolis) = (Vector6::zeros(), Vector6::zeros());
-        for (j, joint) in composites.iter().enumerate().rev() {
+        for (joint, below) in composites.iter().zip(&below).rev() {
             let own = own[joint.joint];
             let along = joint.axes * own;
-            inertia += joint.inertia * along;
-            coriolis += joint.coriolis.tr_mul(&along);
-            let rest = inertia + joint.inertia * below[j];
-            let velocity = coriolis + joint.coriolis.tr_mul(&below[j]);
-            let work = |moved: &Moved| moved.rest.tr_mul(&rest) + moved.velocity.tr_mul(&velocity);
-            let force = joint
-                .axes
-                .tr_mul(&cross_with_force(&joint.force).tr_mul(&below[j]));
-            let by_turn = work(&Moved::by_turn(joint)) + force;
+            inertia += joint.inertia.times(&along);
+            coriolis += joint.coriolis.transpose_times(&along);
+            let rest = inertia + joint.inertia.times(below);
+            let velocity = coriolis + joint.coriolis.transpose_times(below);
+            let moved = cross_force(&joint.velocity_below, &rest) - velocity;
+            let by_turn = cross_force(&joint.velocity_below, &moved)
+                - cross_force(&joint.acceleration_below, &rest)
+                - cross_force(below, &joint.force);
+            let by_rate = velocity - cross_force(&(joint.velocity_below + joint.velocity), &rest);
             let damping = joint.own(equations.links[joint.joint].damping());
-            let by_rate = work(&Moved::by_rate(joint)) + own.component_mul(&damping);
+            let by_turn = joint.axes.tr_mul(&by_turn);
+            let by_rate = joint.axes.tr_mul(&by_rate) + own.component_mul(&damping);
             for axis in 0..3 {
                 turns[3 * joint.joint + axis] -= by_turn[axis];
                 rates[3 * joint.joint + axis] -= by_rate[axis];
