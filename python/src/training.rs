@@ -119,12 +119,11 @@ pub fn distill<'py>(
     let precision = precision.transpose()?;
     let (trained, precision) = run::long(py, progress, |watch| {
         let teacher = Model::load(&model)?;
-        let sampler = pipeline::student_sampler(options.evaluations, options.power);
         let width = teacher.network.shape().width();
         let settings = TrainSettings {
             seed: options.seed,
             precision: precision.unwrap_or_else(|| Precision::fastest(width)),
-            ..pipeline::distillation(&teacher.settings, sampler, options.steps)
+            ..pipeline::distillation(&teacher, options.evaluations, options.power, options.steps)
         };
         let stage = Stage::new(&["train"], watch);
         let trained = pipeline::distill(&teacher, &data, &out, &settings, &stage)?;

@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::TrainSettings;
-use tdcr::pipeline::{distill, distillation, model_path, student_sampler};
+use tdcr::pipeline::{distill, distillation, model_path};
 
 use super::PrecisionArgs;
 use super::console::Console;
@@ -25,10 +25,10 @@ pub(super) struct DistillArgs {
     /// Folder of the run: model, state, and the log as log.csv and for TensorBoard
     #[arg(long, default_value = "distilled", value_name = "DIR")]
     out: PathBuf,
-    /// Evaluations of the network in a prediction; the last one takes the points to the surface near them
+    /// Evaluations of a network in a prediction; the last one takes the points to the surface near them, or of a refined teacher the last two
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = super::amount)]
     evaluations: usize,
-    /// Exponent p of the time grid 1 - (1 - k/n)^p of the n evaluations before the last
+    /// Exponent p of the time grid 1 - (1 - k/n)^p of the n evaluations before these
     #[arg(long, default_value_t = 3.0, value_name = "P")]
     power: f32,
     /// Optimiser steps
@@ -58,11 +58,10 @@ struct Run {
 pub(super) fn run(args: &DistillArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the run")?;
     let teacher = super::load_model(&args.model)?;
-    let sampler = student_sampler(args.evaluations, args.power);
     let settings = TrainSettings {
         seed: args.seed,
         precision: args.precision.of_width(teacher.network.shape().width()),
-        ..distillation(&teacher.settings, sampler, args.steps)
+        ..distillation(&teacher, args.evaluations, args.power, args.steps)
     };
     let student = distill(&teacher, &args.data, &args.out, &settings, console)?.model;
     let area = student.provenance.normalisation.scale.powi(2);

@@ -41,7 +41,7 @@ pub use collect::{CollectTimes, Collected, PoseCounts, collect, export, import, 
 pub use collect_settings::{CollectSettings, Noise, visibility};
 pub use compare::{Comparer, Comparison, Configuration, Reference, Spread, TipSource};
 pub use compare_settings::{CompareSettings, Match, Which};
-pub use distillation::{distillation, student_sampler};
+pub use distillation::distillation;
 pub use error::{CaptureStop, CompareError, Divergence, EvalError, PipelineError, TrainRunError};
 pub use eval_settings::{EvalSettings, Scoring};
 pub use evaluate::Evaluator;

@@ -11,7 +11,7 @@ use super::state::fingerprint;
 use super::teacher::Teacher;
 use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
-use crate::flow::Reach;
+use crate::flow::{Reach, Sampler};
 use crate::net::{Network, NetworkShape};
 use crate::symmetry::Reduction;
 
@@ -83,6 +83,14 @@ impl Feed<'_> {
             Self::Stream(_) => Some(Reach::NORMALISED),
             Self::Teacher(_) => None,
             Self::Refiner(refiner) => refiner.reach(),
+        }
+    }
+
+    /// The network of the last denoising of a student with `sampler` that its teacher lends it; `None` of others.
+    pub(super) fn lent(&self, sampler: &Sampler) -> Option<&Network> {
+        match self {
+            Self::Teacher(teacher) => teacher.lent(sampler),
+            Self::Set(_) | Self::Stream(_) | Self::Refiner(_) => None,
         }
     }
 

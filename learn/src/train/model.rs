@@ -44,7 +44,8 @@ pub struct Model {
     pub validation_distance: f64,
     /// The network, with averaged weights.
     pub network: Network,
-    /// The network that takes its place in the last denoising, where one was learned ([`TrainSettings::refinement`]).
+    /// The network that takes its place in the last denoising, where one was learned ([`TrainSettings::refinement`]), or lent by a
+    /// teacher that has one.
     pub refinement: Option<Network>,
     /// Where the clouds are that it was trained on: its velocities point there. `None` in older files, which do not say, and of
     /// distilled networks.

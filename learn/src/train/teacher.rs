@@ -30,7 +30,8 @@ const TEACHER_STEPS: usize = 16;
 /// trajectory exactly. Its own velocities differ, and what to do at the points where its own steps end would not be learned so:
 /// every other trajectory is the student's, and from each of its points the teacher continues (DAgger: Ross, Gordon and
 /// Bagnell, AISTATS 2011). Where the student's sampler denoises, its last evaluation learns the data that the teacher predicts
-/// for the points where the student's steps end. This is distillation as by Salimans and Ho (ICLR 2022), but to the final
+/// for the points where the student's steps end; a student that denoises at the time for which the teacher has a refined network takes
+/// that network over, and its correction with it. This is distillation as by Salimans and Ho (ICLR 2022), but to the final
 /// number of steps at once. Conditions are uniform in the teacher's training range, reduced by the symmetries that it was
 /// trained with; no data are needed.
 #[derive(Clone, Debug)]
@@ -82,6 +83,16 @@ impl Teacher {
         &self.network
     }
 
+    /// The network of the last denoising of a student with `sampler`, where that is the teacher's.
+    pub(super) fn lent(&self, sampler: &Sampler) -> Option<&Network> {
+        (self.refinement.as_ref()).filter(|_| sampler.denoise == self.denoise)
+    }
+
+    /// How many of the evaluations of a student with `sampler` are learned.
+    fn learned(&self, sampler: &Sampler) -> usize {
+        sampler.evaluations() - usize::from(self.lent(sampler).is_some())
+    }
+
     /// A hash of its weights.
     pub(super) fn fingerprint(&self) -> u64 {
         let own = start::fingerprint(&self.network);
@@ -115,16 +126,16 @@ impl Teacher {
             let field = "the student's sampler";
             return Err(SettingsError::new(field, method.name(), "euler"));
         }
-        let evaluations = settings.sampler.evaluations();
+        let evaluations = self.learned(&settings.sampler);
         if !settings.clouds.is_multiple_of(evaluations) {
-            let expected = format!("a multiple of the student's {evaluations} evaluations");
+            let expected = format!("a multiple of the student's {evaluations} learned evaluations");
             return Err(SettingsError::new("clouds", settings.clouds, expected));
         }
         Ok(())
     }
 
-    /// Draws the batch of step `step`: `settings.clouds / n` trajectories, each of which is a cloud for each of the student's `n`
-    /// evaluations.
+    /// Draws the batch of step `step`: `settings.clouds / n` trajectories, each of which is a cloud for each of the `n`
+    /// evaluations that the student learns.
     pub(super) fn draw_batch(
         &self,
         settings: &TrainSettings,
@@ -138,7 +149,8 @@ impl Teacher {
             denoise,
             ..
         } = settings.sampler;
-        let evaluations = settings.sampler.evaluations();
+        let denoise = denoise.filter(|_| self.lent(&settings.sampler).is_none());
+        let evaluations = self.learned(&settings.sampler);
         let shape = self.network.shape();
         let (channels, dim) = (shape.channels(), shape.condition_dim());
         let cloud = settings.points * channels.count();
@@ -181,12 +193,12 @@ impl Teacher {
     }
 
     /// The teacher's sampler for a student's: on its grid, through all the times at which its steps end; and a denoising, which
-    /// the student's last step includes.
+    /// the student's last step includes unless it has the teacher's network for that.
     fn sampler(&self, student: Sampler) -> Sampler {
         Sampler {
             method: Method::Exponential,
             steps: student.steps * TEACHER_STEPS.div_ceil(student.steps),
-            denoise: self.denoise,
+            denoise: self.denoise.filter(|_| self.lent(&student).is_none()),
             ..student
         }
     }

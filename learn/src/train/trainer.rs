@@ -201,7 +201,7 @@ impl<'a> Trainer<'a> {
             step: best.step,
             validation_distance: best.distance,
             network: network.expect("the best weights are this network's"),
-            refinement: None,
+            refinement: self.training.lent(&self.settings.sampler).cloned(),
             reach: self.reach,
             uncertainty_factor: None,
         })
@@ -366,9 +366,9 @@ impl<'a> Trainer<'a> {
         } = self;
         let field = match &self.training {
             Feed::Refiner(refiner) => refiner.refined(&self.average),
-            _ => Refined {
+            other => Refined {
                 flow: &self.average,
-                last: None,
+                last: (settings.sampler.denoise).zip(other.lent(&settings.sampler)),
                 reach: self.reach,
             },
         };

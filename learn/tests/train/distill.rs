@@ -130,7 +130,7 @@ fn lessons_that_do_not_suit_the_teacher_are_refused_by_name() {
     let error = refused(LARGER, odd).to_string();
     assert_eq!(
         error,
-        "clouds is 7, expected a multiple of the student's 2 evaluations"
+        "clouds is 7, expected a multiple of the student's 2 learned evaluations"
     );
     let error = refused(SHAPE, distillation()).to_string();
     assert!(error.starts_with("the student's shape is"), "{error}");

@@ -3,12 +3,13 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use tdcr_learn::data::CloudSet;
-use tdcr_learn::flow::Sampler;
+use tdcr_learn::flow::{Method, Sampler};
 use tdcr_learn::metrics::nearest_distances;
 use tdcr_learn::net::Channels;
 use tdcr_learn::predict::{ISOLATED, ISOLATED_CORRECTED, select};
 use tdcr_learn::train::{
-    Feed, Model, Refinement, Refiner, Target, Teacher, TrainSettings, Trainer, TrainingState,
+    Feed, Model, Optimizer, Refinement, Refiner, Target, Teacher, TrainSettings, Trainer,
+    TrainingState,
 };
 use tempfile::TempDir;
 
@@ -191,7 +192,7 @@ fn the_flow_itself_is_that_of_a_run_without() {
     let distil = |teacher: &Model| {
         let settings = TrainSettings {
             sampler: Sampler {
-                method: tdcr_learn::flow::Method::Euler,
+                method: Method::Euler,
                 steps: 2,
                 denoise: Some(0.99),
                 ..Sampler::PAPER
@@ -206,6 +207,66 @@ fn the_flow_itself_is_that_of_a_run_without() {
         run(trainer, 3).losses().to_vec()
     };
     assert_ne!(distil(&plain), distil(&last));
+}
+
+/// A student that denoises when its teacher does has its last network from it, and learns its steps alone.
+#[test]
+fn a_student_takes_over_its_teachers_last_network() {
+    let (training, validation) = (bars(64, 1), bars(3, 2));
+    let plain = flow(&training, &validation);
+    let teacher = refine(&plain, &training, &validation);
+    let settings = TrainSettings {
+        sampler: Sampler {
+            method: Method::Euler,
+            steps: 2,
+            ..teacher.settings.sampler
+        },
+        refinement: None,
+        validation_clouds: 3,
+        target: Target::Steps,
+        learning_rate: 3e-3,
+        optimizer: Optimizer::Muon {
+            learning_rate: 5e-3,
+        },
+        ..learning(2 * STEPS)
+    };
+    let distil = |teacher: &Model, settings: TrainSettings| {
+        let feed = Feed::Teacher(Box::new(Teacher::new(teacher).unwrap()));
+        Trainer::new(&teacher.network, settings, feed, &validation)
+    };
+    let student = run(distil(&teacher, settings.clone()).unwrap(), 2 * STEPS);
+    let student = student.model(provenance()).unwrap();
+    let params = |model: &Model| model.refinement.as_ref().map(|last| last.params().to_vec());
+    assert_eq!(params(&student), params(&teacher));
+    let sampler = settings.sampler;
+    let predicted = student.predict(&[0.02, 0.02], 30, 7, &sampler).unwrap();
+    assert_eq!(predicted.evaluations, 4);
+    // It comes where its teacher comes in many steps, who in two comes elsewhere.
+    let many = Sampler {
+        method: Method::Heun,
+        steps: 100,
+        ..sampler
+    };
+    let cloud = |model: &Model, sampler: &Sampler| {
+        let cloud = model.predict(&[0.02, 0.02], 100, 5, sampler);
+        cloud.unwrap().points.concat()
+    };
+    let expected = cloud(&teacher, &many);
+    let [own, untaught] = [&student, &teacher].map(|model| {
+        let pairs = cloud(model, &sampler).into_iter().zip(&expected);
+        pairs.map(|(x, y)| (x - y).powi(2)).sum::<f32>()
+    });
+    assert!(own < 0.5 * untaught, "{own}, {untaught} m2");
+
+    // Clouds are shared out among the evaluations that are learned: here two.
+    let odd = TrainSettings {
+        clouds: 7,
+        ..settings
+    };
+    assert_eq!(
+        distil(&teacher, odd).unwrap_err().to_string(),
+        "clouds is 7, expected a multiple of the student's 2 learned evaluations"
+    );
 }
 
 #[test]
