@@ -165,8 +165,8 @@ def distill(
         model: The trained model, its file, or the folder of its run.
         data: A data set whose val split validates, or its folder; its clouds are not trained on.
         out: Folder of the run.
-        evaluations: Evaluations of a network in a prediction; the last one takes the points to the surface near them, or of a refined
-            teacher the last two.
+        evaluations: Evaluations of a network in a prediction; the last one takes the points to the surface near them, or of a
+            refined teacher the last two.
         power: Exponent ``p`` of the time grid ``1 - (1 - k/n)^p`` of the ``n`` evaluations before these.
         steps: Optimiser steps.
         precision: Operand type of the network's matrix products.
