@@ -298,7 +298,7 @@ impl SamplerOptions {
             sampler_denoise: self.sampler_denoise,
             sampler_spare: self.sampler_spare,
         };
-        Ok(plan.resolve(&model.settings)?)
+        Ok(plan.resolve(model)?)
     }
 }
 

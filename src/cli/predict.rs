@@ -250,7 +250,7 @@ fn predict(
     file: &Path,
     name: &str,
 ) -> anyhow::Result<(Cloud, Predicted)> {
-    let sampler = args.sampler.resolve(&model.settings)?;
+    let sampler = args.sampler.resolve(model)?;
     let out_of_range = model.provenance.normalisation.out_of_range(condition)?;
     for OutOfRange {
         index,

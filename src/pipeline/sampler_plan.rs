@@ -3,7 +3,7 @@
 use clap::Args;
 use tdcr_learn::flow::{Method, Sampler, TimeGrid};
 use tdcr_learn::options::cli::named;
-use tdcr_learn::train::{Target, TrainSettings};
+use tdcr_learn::train::{Model, Target};
 
 use super::{PipelineError, TrainRunError};
 
@@ -38,13 +38,13 @@ impl SamplerPlan {
     /// Most adaptive steps, where they are not said.
     pub const MOST_STEPS: usize = 200;
 
-    /// The sampler for a model trained with `settings`.
+    /// The sampler for `model`.
     ///
     /// # Errors
     /// [`TrainRunError::Sampler`] for values that describe none, [`TrainRunError::OwnSampler`] where the model was distilled
     /// for another.
-    pub fn resolve(&self, settings: &TrainSettings) -> Result<Sampler, PipelineError> {
-        let own = settings.sampler;
+    pub fn resolve(&self, model: &Model) -> Result<Sampler, PipelineError> {
+        let (settings, own) = (&model.settings, model.settings.sampler);
         let sampler = Sampler {
             method: self.sampler.unwrap_or(own.method),
             steps: match self.sampler_tolerance {
@@ -73,7 +73,7 @@ impl SamplerPlan {
         {
             true => Ok(sampler),
             false => Err(TrainRunError::OwnSampler {
-                evaluations: own.evaluations(),
+                evaluations: model.evaluations(),
             }
             .into()),
         }

@@ -183,6 +183,13 @@ impl Model {
         Ok(prediction.keep(&kept))
     }
 
+    /// How many evaluations of a network its own sampler takes, of adaptive steps at most: with the correction of a refined model.
+    pub fn evaluations(&self) -> usize {
+        let sampler = &self.settings.sampler;
+        let corrected = sampler.denoise.is_some() && self.refinement.is_some();
+        sampler.evaluations() + usize::from(corrected)
+    }
+
     /// The velocities that a prediction follows. The network of the last denoising is used at the time that it was learned for; at
     /// others, the network itself.
     pub(super) fn field(&self) -> Refined<'_> {

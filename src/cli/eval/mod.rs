@@ -134,7 +134,7 @@ fn prepare(args: &EvalArgs) -> anyhow::Result<(Vec<Scored>, Evaluator)> {
     let (mut scored, mut methods) = (Vec::new(), Vec::new());
     for file in models {
         let model = super::load_model(file)?;
-        let sampler = args.scoring.sampler.resolve(&model.settings)?;
+        let sampler = args.scoring.sampler.resolve(&model)?;
         let precision = (args.scoring.precision).of_width(model.network.shape().width());
         let model = Arc::new(model.with_precision(precision)?);
         let method = ScoredMethod::of_model(model.clone(), sampler)?.read_in(file);
