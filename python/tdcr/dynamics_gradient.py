@@ -152,7 +152,7 @@ def rollout_vjp(
     progress: Progress | None = None,
 ) -> RolloutGradients:
     """Derivatives of a cost of each row by all that its motion depends on, from those by the states of :func:`rollout`: the
-    adjoint of the steps, which takes three to four times as long as the motion. A parameter is laid out once a row, and costs
+    adjoint of the steps, which takes about three times as long as the motion. A parameter is laid out once a row, and costs
     nothing at the steps. The integrator is ``"semi-implicit-euler"``.
 
     Args:
