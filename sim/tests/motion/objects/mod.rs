@@ -1,7 +1,6 @@
 //! Robots in motion among objects, which rapier moves.
 
 mod alone;
-mod carried;
 mod hostile;
 mod states;
 mod touched;
