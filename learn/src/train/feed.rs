@@ -86,7 +86,7 @@ impl Feed<'_> {
         }
     }
 
-    /// The network of the last denoising of a student with `sampler` that its teacher lends it; `None` of others.
+    /// The teacher's network for the last denoising of a student with `sampler`, where that takes it over ([`Teacher::lent`]).
     pub(super) fn lent(&self, sampler: &Sampler) -> Option<&Network> {
         match self {
             Self::Teacher(teacher) => teacher.lent(sampler),

@@ -83,7 +83,8 @@ impl Teacher {
         &self.network
     }
 
-    /// The network of the last denoising of a student with `sampler`, where that is the teacher's.
+    /// The network of its last denoising, where it has another one for that and a student with `sampler` denoises at the same time: the
+    /// student takes it over.
     pub(super) fn lent(&self, sampler: &Sampler) -> Option<&Network> {
         (self.refinement.as_ref()).filter(|_| sampler.denoise == self.denoise)
     }

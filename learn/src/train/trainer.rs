@@ -194,14 +194,19 @@ impl<'a> Trainer<'a> {
     /// The predictor: the best averaged weights so far. None before the first validation.
     pub fn model(&self, provenance: Provenance) -> Option<Model> {
         let best = self.best.as_ref()?;
-        let network = Network::from_params(self.network.shape(), best.params.clone());
+        // Of single precision, as a model that is read.
+        let network = |params| {
+            let network = Network::from_params(self.network.shape(), params);
+            network.expect("weights of this network's shape")
+        };
+        let lent = self.training.lent(&self.settings.sampler);
         Some(Model {
             provenance,
             settings: self.settings.clone(),
             step: best.step,
             validation_distance: best.distance,
-            network: network.expect("the best weights are this network's"),
-            refinement: self.training.lent(&self.settings.sampler).cloned(),
+            network: network(best.params.clone()),
+            refinement: lent.map(|last| network(last.params().to_vec())),
             reach: self.reach,
             uncertainty_factor: None,
         })
