@@ -1,6 +1,6 @@
 //! Robots among obstacles whose inextensible tendons have commanded lengths.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::contact::{ContactSettler, ContactStepper};
@@ -11,7 +11,7 @@ use tdcr_sim::robot::{
 use tdcr_sim::scene::{ContactLaw, Impedance, Obstacle, Scene, SelfContact};
 use tdcr_sim::simulation::{MovingRobot, Simulation};
 
-use super::rest::impulses;
+use super::rest::{impulses, momentum_gained};
 use super::{among, scene};
 use crate::random_robot::within;
 
@@ -191,13 +191,9 @@ fn tensions_and_contact_forces_are_the_change_of_momentum() {
         stepper.step(&mut state, &given, &loads).unwrap();
         let tensions = pulled.command(&tensions(&stepper)).unwrap();
         free.step(&mut without, &tensions, &loads).unwrap();
-        let terms = pulled.motion_terms(&before, &loads).unwrap();
-        let damping = DMatrix::identity(robot.dof(), robot.dof()) * (h * DAMPING);
-        let pairs = state.velocity.iter().zip(&without.velocity);
-        let change = pairs.map(|(with, without)| with - without);
-        let momentum = (terms.mass + damping) * DVector::from_iterator(robot.dof(), change);
+        let gained = momentum_gained(&pulled, &before, [&state, &without], h * DAMPING);
         let impulse = impulses(&stepper, &before);
-        let error = (&momentum - &impulse).amax();
+        let error = (&gained - &impulse).amax();
         assert!(
             error <= 1e-8 * impulse.amax() + 1e-11,
             "{step}: {error:e} of {:e}",

@@ -31,7 +31,7 @@ fn scene(rng: &mut ChaCha8Rng, robot: &Robot) -> Scene {
 }
 
 /// Orientation of each disc in the world.
-fn orientations(robot: &Robot, state: &State) -> Vec<UnitQuaternion<f64>> {
+pub fn orientations(robot: &Robot, state: &State) -> Vec<UnitQuaternion<f64>> {
     let [w, x, y, z] = robot.spec().base.orientation;
     let base = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
     (state.configuration.0.iter())

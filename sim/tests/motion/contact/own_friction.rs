@@ -1,6 +1,6 @@
 //! Friction between discs of one robot.
 
-use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 use tdcr_sim::contact::{Contact, ContactError, ContactSettler, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Rollout, State, Stepper};
 use tdcr_sim::geometry::{Bead, Beads};
@@ -9,7 +9,7 @@ use tdcr_sim::scene::{Scene, SelfContact};
 use tdcr_sim::tendon_friction::ContactPath;
 
 use super::itself::curling;
-use super::rest::impulses;
+use super::rest::{impulses, momentum_gained};
 use super::{among, orientations};
 
 /// Three discs on ball joints, without weight, of which only the last moves; their tendons are slack.
@@ -159,13 +159,9 @@ fn forces_between_discs_are_the_change_of_momentum_and_within_the_cone() {
         }
         compared += 1;
         free.step(&mut without, &command, &loads).unwrap();
-        let terms = robot.motion_terms(&before, &loads).unwrap();
-        let damping = DMatrix::identity(robot.dof(), robot.dof()) * (h * DAMPING);
-        let pairs = state.velocity.iter().zip(&without.velocity);
-        let change = pairs.map(|(with, without)| with - without);
-        let momentum = (terms.mass + damping) * DVector::from_iterator(robot.dof(), change);
+        let gained = momentum_gained(&robot, &before, [&state, &without], h * DAMPING);
         let impulse = impulses(&stepper, &before);
-        let error = (&momentum - &impulse).amax();
+        let error = (&gained - &impulse).amax();
         assert!(
             error <= 1e-8 * impulse.amax() + 1e-13,
             "{error:e} of {:e}",

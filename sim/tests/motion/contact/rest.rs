@@ -206,6 +206,21 @@ pub fn impulses(stepper: &ContactStepper, state: &State) -> DVector<f64> {
     out
 }
 
+/// What a step from `before` gives the joints of momentum (N m s) beyond the one `without` contacts: `(M + h D) dv`, their
+/// damping the same about all axes.
+pub fn momentum_gained(
+    robot: &Robot,
+    before: &State,
+    [with, without]: [&State; 2],
+    damped: f64,
+) -> DVector<f64> {
+    let terms = robot.motion_terms(before, &Loads::default()).unwrap();
+    let damping = DMatrix::identity(robot.dof(), robot.dof()) * damped;
+    let pairs = with.velocity.iter().zip(&without.velocity);
+    let change = pairs.map(|(with, without)| with - without);
+    (terms.mass + damping) * DVector::from_iterator(robot.dof(), change)
+}
+
 #[test]
 fn contact_forces_are_the_change_of_momentum() {
     let robot = Robot::load("2m").unwrap();
@@ -232,17 +247,9 @@ fn contact_forces_are_the_change_of_momentum() {
                 continue;
             }
             compared += 1;
-            // (M + h D) of the joints, whose damping is alike about all axes.
-            let terms = robot.motion_terms(&before, &loads).unwrap();
-            let damping = DMatrix::identity(robot.dof(), robot.dof()) * (h * 0.1);
-            let change = DVector::from_iterator(
-                robot.dof(),
-                (state.velocity.iter().zip(&without.velocity))
-                    .map(|(with, without)| with - without),
-            );
-            let momentum = (terms.mass + damping) * change;
+            let gained = momentum_gained(&robot, &before, [&state, &without], h * 0.1);
             let impulse = impulses(&stepper, &before);
-            let error = (&momentum - &impulse).amax();
+            let error = (&gained - &impulse).amax();
             assert!(
                 error <= 1e-8 * impulse.amax() + 1e-14,
                 "{error:e} of {:e}",

@@ -1,6 +1,7 @@
 //! Robots in motion among objects, which rapier moves.
 
 mod alone;
+mod dragged;
 mod hostile;
 mod states;
 mod touched;
