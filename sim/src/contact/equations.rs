@@ -180,9 +180,9 @@ impl Equations {
     pub fn find(&mut self) {
         let chain = &self.iterate.posture.chain;
         self.neighbourhood
-            .find(&self.beads, &self.scene, chain, self.reach);
+            .find(&self.beads, &self.scene, chain, |_, _| self.reach);
         if let Some(pairs) = &mut self.pairs {
-            pairs.find(&self.beads, chain, self.own_reach);
+            pairs.find(&self.beads, chain, |_| self.own_reach);
         }
         self.is_found = true;
     }

@@ -131,15 +131,21 @@ impl Neighbourhood {
         }
     }
 
-    /// Finds all beads whose gap to an obstacle is within `reach` (m).
-    pub fn find(&mut self, beads: &Beads, scene: &Scene, chain: &Chain, reach: f64) {
+    /// Finds all beads whose gap to an obstacle is within the `reach` (m) of the obstacle and the bead's disc.
+    pub fn find(
+        &mut self,
+        beads: &Beads,
+        scene: &Scene,
+        chain: &Chain,
+        reach: impl Fn(usize, usize) -> f64,
+    ) {
         let n = chain.positions.len();
         self.near.clear();
         self.bounds
             .resize(scene.obstacles().len() * n, Bound::UNKNOWN);
         for (index, obstacle) in scene.obstacles().iter().enumerate() {
             for (disc, origin) in chain.positions.iter().enumerate() {
-                let enclosing = beads.enclosing(disc);
+                let (enclosing, reach) = (beads.enclosing(disc), reach(index, disc));
                 let bound = &mut self.bounds[index * n + disc];
                 let mut away = bound.of(origin) - enclosing;
                 let least = reach.max(SLACK * (bound.distance - enclosing));
@@ -375,9 +381,9 @@ mod tests {
             let command = robot.command(&values).unwrap();
             let bent = robot.settle(&command, &Loads::default());
             chain.place(&robot, &bent.configuration);
-            known.find(&beads, &scene, &chain, reach);
+            known.find(&beads, &scene, &chain, |_, _| reach);
             let mut anew = Neighbourhood::default();
-            anew.find(&beads, &scene, &chain, reach);
+            anew.find(&beads, &scene, &chain, |_, _| reach);
             let gaps = |of: &Neighbourhood| of.near.iter().map(|near| near.gap).collect::<Vec<_>>();
             assert_eq!(gaps(&known), gaps(&anew));
             found += anew.near.len();
@@ -394,7 +400,7 @@ mod tests {
         let mut chain = Chain::new(&robot);
         chain.place(&robot, &Configuration::straight(&robot));
         let mut neighbourhood = Neighbourhood::default();
-        neighbourhood.find(&beads, &scene, &chain, 0.01);
+        neighbourhood.find(&beads, &scene, &chain, |_, _| 0.01);
         neighbourhood.begin_step();
         let moved = |way: f64| {
             let mut there = chain.clone();

@@ -112,14 +112,14 @@ impl PairNeighbourhood {
         &self.first
     }
 
-    /// Finds all pairs of beads whose surfaces are within `reach` (m).
-    pub fn find(&mut self, beads: &Beads, chain: &Chain, reach: f64) {
+    /// Finds all pairs of beads whose surfaces are within the `reach` (m) of their discs.
+    pub fn find(&mut self, beads: &Beads, chain: &Chain, reach: impl Fn([usize; 2]) -> f64) {
         self.near.clear();
         self.apart.clear();
         for disc in 0..self.first.len() {
             for other in self.first[disc]..self.first.len() {
                 let discs = [disc, other];
-                let distance = self.lower_bound(beads, chain, discs);
+                let (distance, reach) = (self.lower_bound(beads, chain, discs), reach(discs));
                 let distance = match distance >= reach {
                     true => distance,
                     false => self.add(beads, chain, discs, reach),
@@ -131,7 +131,7 @@ impl PairNeighbourhood {
 
     /// Whether beads of discs that can touch overlap.
     pub fn overlaps(&mut self, beads: &Beads, chain: &Chain) -> bool {
-        self.find(beads, chain, 0.0);
+        self.find(beads, chain, |_| 0.0);
         !self.near.is_empty()
     }
 

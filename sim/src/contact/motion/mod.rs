@@ -11,6 +11,7 @@ mod gather;
 mod law;
 mod objects;
 mod problem;
+mod reaches;
 mod response;
 mod start;
 mod tendons;
@@ -21,6 +22,7 @@ use nalgebra::Vector3;
 
 use self::objects::Objects;
 use self::problem::{Problem, SAME_BOUND, Solved};
+use self::reaches::Reaches;
 use self::response::{StepResponse, mobilities_of};
 use self::tendons::HeldTendon;
 use self::touch::{DiscVelocities, Opposite, Side, Touch};
@@ -82,6 +84,7 @@ pub struct ContactStepper {
     /// Of each disc, inverse inertance of its centre of mass in the straight pose (1/kg).
     mobilities: Vec<f64>,
     objects: Objects,
+    reaches: Reaches,
     neighbourhood: Neighbourhood,
     /// How the robot touches itself.
     own: Option<OwnContacts>,
@@ -177,8 +180,10 @@ impl ContactStepper {
         let gravity = stepper.robot().gravity();
         let objects = Objects::new(scene, gravity, stepper.timestep())?;
         let zeros = vec![Vector3::zeros(); n];
+        let reach = REACH * (0..n).map(|disc| beads.enclosing(disc)).fold(0.0, f64::max);
         Ok(Self {
-            reach: REACH * (0..n).map(|disc| beads.enclosing(disc)).fold(0.0, f64::max),
+            reach,
+            reaches: Reaches::new(stepper.robot(), &beads, LEAST * reach),
             stepper,
             scene: scene.clone(),
             beads,
@@ -313,13 +318,14 @@ impl ContactStepper {
         if let ContactLaw::Compliant { .. } = self.scene.contact_law() {
             let chain = &self.stepper.posture().chain;
             let (beads, scene) = (&self.beads, &self.scene);
-            self.neighbourhood.find(beads, scene, chain, self.reach);
+            self.neighbourhood
+                .find(beads, scene, chain, |_, _| self.reach);
             for near in &self.neighbourhood.near {
                 let compliance = self.scene.obstacles()[near.obstacle].compliance;
                 energy.potential += 0.5 * near.gap.min(0.0).powi(2) / compliance.max(STIFFEST);
             }
             if let Some(own) = &mut self.own {
-                own.pairs.find(beads, chain, 0.0);
+                own.pairs.find(beads, chain, |_| 0.0);
                 for near in &own.pairs.near {
                     energy.potential += 0.5 * near.gap.powi(2) / own.compliance.max(STIFFEST);
                 }
@@ -373,17 +379,19 @@ impl ContactStepper {
         self.centres.extend_from_slice(&chain.centres);
         self.starts.set(&self.centres, &self.rates);
         self.motions.set(&self.centres, &self.free);
-        // What no disc reaches in the step does nothing in it.
-        let fastest = self.farthest() + self.objects.fastest(&self.problem.movables);
-        let mut reach = (2.0 * fastest * window).max(LEAST * self.reach);
         let mut solved = Solved::NOTHING;
         for _ in 0..MAX_REACHES {
+            // What no disc reaches in the step does nothing in it.
+            let (reaches, motions, centres) = (&mut self.reaches, &self.motions, &self.centres);
+            reaches.set(window, motions, &self.objects, &self.problem.movables);
             let chain = &self.stepper.posture().chain;
             let (beads, scene) = (&self.beads, &self.scene);
-            self.neighbourhood.find(beads, scene, chain, reach);
+            (self.neighbourhood).find(beads, scene, chain, |obstacle, disc| {
+                reaches.of_obstacle(obstacle, disc)
+            });
             if let Some(own) = &mut self.own {
-                // Both discs of a pair may come nearer.
-                own.pairs.find(beads, chain, 2.0 * reach);
+                let reach = |discs| reaches.of_discs(discs, motions, centres);
+                own.pairs.find(beads, chain, reach);
             }
             self.motions.set(&self.centres, &self.free);
             self.set_touches();
@@ -396,12 +404,13 @@ impl ContactStepper {
             let rates = self.rates.iter_mut().zip(&self.free).zip(&self.change);
             rates.for_each(|((rate, free), change)| *rate = free + change);
             self.motions.set(&self.centres, &self.rates);
-            let fastest = self.farthest() + self.objects.fastest(&self.problem.movables);
-            let farthest = fastest * window;
-            if farthest <= reach || !self.is_resolved(&self.rates) {
+            let objects = (&self.objects, &self.problem.movables);
+            let own = self.own.as_ref().map(|own| &own.pairs);
+            if (self.reaches).cover(&self.motions, &self.centres, objects, own)
+                || !self.is_resolved(&self.rates)
+            {
                 break;
             }
-            reach = 2.0 * farthest;
         }
         self.check(solved)
     }
@@ -425,16 +434,6 @@ impl ContactStepper {
     fn is_resolved(&self, rates: &[Vector3<f64>]) -> bool {
         let h = self.stepper.timestep();
         rates.iter().all(|rate| rate.norm() * h <= LARGEST_TURN)
-    }
-
-    /// Highest speed of a point of a disc's beads at the present motions (m/s).
-    fn farthest(&self) -> f64 {
-        let speeds = self.motions.0.iter().zip(self.robot().discs());
-        let speeds = speeds.enumerate().map(|(disc, ((turn, shift), own))| {
-            let arm = self.beads.enclosing(disc) + own.origin.norm();
-            shift.norm() + turn.norm() * arm
-        });
-        speeds.fold(0.0, f64::max)
     }
 
     /// Solves the problem, and takes the change of the rates.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::super::Partner;
 use super::ContactStepper;
-use super::coupled::{Movable, Movables};
+use super::coupled::Movables;
 use super::law::Push;
 use super::touch::{Name, Opposite, Side, Touch};
 use crate::dynamics::DynamicsError;
@@ -83,14 +83,18 @@ impl Objects {
         Ok(())
     }
 
-    /// Highest speed of a point of an object in the step, as far as it is known (m/s).
-    pub fn fastest(&self, movables: &Movables) -> f64 {
-        let free = self.bodies().iter().map(|body| {
+    /// Writes the highest speed of a point of each obstacle in the step, as far as it is known (m/s): nothing where no obstacle moves.
+    pub fn speeds(&self, movables: &Movables, out: &mut Vec<f64>) {
+        out.clear();
+        out.resize(self.numbers.len(), 0.0);
+        for body in self.bodies() {
             let speed = |twist: &Twist| twist.linear.norm() + twist.angular.norm() * body.enclosing;
-            speed(&body.free).max(speed(&body.twist))
-        });
-        let touched = movables.all.iter().map(Movable::fastest);
-        free.chain(touched).fold(0.0, f64::max)
+            out[body.obstacle] = speed(&body.free).max(speed(&body.twist));
+        }
+        for movable in &movables.all {
+            let speed = &mut out[movable.body.obstacle];
+            *speed = speed.max(movable.fastest());
+        }
     }
 
     /// Adds to the contacts of the robot those that hold the objects that it touches: among objects, and with what is fixed.
