@@ -182,7 +182,7 @@ impl Equations {
         self.neighbourhood
             .find(&self.beads, &self.scene, chain, |_, _| self.reach);
         if let Some(pairs) = &mut self.pairs {
-            pairs.find(&self.beads, chain, |_| self.own_reach);
+            pairs.find(&self.beads, chain, |_, _| self.own_reach);
         }
         self.is_found = true;
     }

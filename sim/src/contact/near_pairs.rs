@@ -112,14 +112,15 @@ impl PairNeighbourhood {
         &self.first
     }
 
-    /// Finds all pairs of beads whose surfaces are within the `reach` (m) of their discs.
-    pub fn find(&mut self, beads: &Beads, chain: &Chain, reach: impl Fn([usize; 2]) -> f64) {
+    /// Finds all pairs of beads whose surfaces are within the `reach` (m) of their discs, whose distance (m) is at least that given.
+    pub fn find(&mut self, beads: &Beads, chain: &Chain, reach: impl Fn([usize; 2], f64) -> f64) {
         self.near.clear();
         self.apart.clear();
         for disc in 0..self.first.len() {
             for other in self.first[disc]..self.first.len() {
                 let discs = [disc, other];
-                let (distance, reach) = (self.lower_bound(beads, chain, discs), reach(discs));
+                let distance = self.lower_bound(beads, chain, discs);
+                let reach = reach(discs, distance);
                 let distance = match distance >= reach {
                     true => distance,
                     false => self.add(beads, chain, discs, reach),
@@ -131,7 +132,7 @@ impl PairNeighbourhood {
 
     /// Whether beads of discs that can touch overlap.
     pub fn overlaps(&mut self, beads: &Beads, chain: &Chain) -> bool {
-        self.find(beads, chain, |_| 0.0);
+        self.find(beads, chain, |_, _| 0.0);
         !self.near.is_empty()
     }
 

@@ -325,7 +325,7 @@ impl ContactStepper {
                 energy.potential += 0.5 * near.gap.min(0.0).powi(2) / compliance.max(STIFFEST);
             }
             if let Some(own) = &mut self.own {
-                own.pairs.find(beads, chain, |_| 0.0);
+                own.pairs.find(beads, chain, |_, _| 0.0);
                 for near in &own.pairs.near {
                     energy.potential += 0.5 * near.gap.powi(2) / own.compliance.max(STIFFEST);
                 }
@@ -390,7 +390,7 @@ impl ContactStepper {
                 reaches.of_obstacle(obstacle, disc)
             });
             if let Some(own) = &mut self.own {
-                let reach = |discs| reaches.of_discs(discs, motions, centres);
+                let reach = |discs, distance| reaches.of_discs(discs, distance, motions, centres);
                 own.pairs.find(beads, chain, reach);
             }
             self.motions.set(&self.centres, &self.free);

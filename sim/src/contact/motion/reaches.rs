@@ -64,15 +64,26 @@ impl Reaches {
         self.discs[disc] + self.obstacles.get(obstacle).unwrap_or(&0.0)
     }
 
-    /// Gap within which two discs count (m), by their motions and the centres of their joints (m).
+    /// Gap within which two discs count (m), by their motions and the centres of their joints (m); or a larger one that is within the
+    /// `distance` (m) of the two.
     pub fn of_discs(
         &self,
         discs: [usize; 2],
+        distance: f64,
         motions: &DiscVelocities,
         centres: &[Vector3<f64>],
     ) -> f64 {
+        let most = self.most_of(discs);
+        if most <= distance {
+            return most;
+        }
         let way = MARGIN * self.way(discs, motions, centres);
         way.max(2.0 * self.least)
+    }
+
+    /// The reach of two discs that come towards each other (m).
+    fn most_of(&self, [one, other]: [usize; 2]) -> f64 {
+        self.discs[one] + self.discs[other]
     }
 
     /// How far two discs come nearer at most (m).
@@ -101,9 +112,10 @@ impl Reaches {
         let apart = own.map_or(&[][..], |own| &own.apart);
         (0..self.arms.len()).all(|disc| ways(disc) <= self.discs[disc])
             && moved.all(|(speed, allowed)| self.window * speed <= *allowed)
-            && apart
-                .iter()
-                .all(|apart| self.way(apart.discs, motions, centres) <= apart.distance)
+            && apart.iter().all(|apart| {
+                self.most_of(apart.discs) <= apart.distance
+                    || self.way(apart.discs, motions, centres) <= apart.distance
+            })
     }
 }
 
