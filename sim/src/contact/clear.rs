@@ -10,6 +10,25 @@ const CLEARANCE: f64 = 0.7;
 /// Clearance that a step may always use, as a share of the reach: of beads without a radius, and of those that start inside.
 const THIN: f64 = 1e-3;
 
+/// The most that points of a disc within `arm` (m) of its joint's centre are displaced (m) by its turn (rad) and the displacement of that
+/// centre (m): or their speed, by its angular velocity and the centre's velocity.
+pub(super) fn most_displaced((turn, shift): &(Vector3<f64>, Vector3<f64>), arm: f64) -> f64 {
+    shift.norm() + turn.norm() * arm
+}
+
+/// The most that points of the second disc within `arm` (m) of its joint's centre are displaced as the first disc sees it (m), by the motions
+/// and the joints' centres (m) of all discs.
+pub(super) fn most_apart(
+    motions: &[(Vector3<f64>, Vector3<f64>)],
+    centres: &[Vector3<f64>],
+    [first, second]: [usize; 2],
+    arm: f64,
+) -> f64 {
+    let [(turn, shift), (other_turn, other_shift)] = [motions[first], motions[second]];
+    let carried = shift + turn.cross(&(centres[second] - centres[first]));
+    most_displaced(&(other_turn - turn, other_shift - carried), arm)
+}
+
 impl Equations {
     /// Shortens the step such that to first order no bead's centre passes a surface: those in the list come into an obstacle by a share
     /// of their radius at most, others stay on their side of the planes that bound it. What a step that bends adds to that is noticed
@@ -37,16 +56,18 @@ impl Equations {
             let allowed = apart + CLEARANCE * (radius + near.gap.min(0.0));
             limit(approach, allowed.max(CLEARANCE * THIN * self.reach));
         }
-        let farthest: Vec<f64> = (motions.iter().enumerate())
-            .map(|(disc, (turn, shift))| {
-                let arm = self.beads.enclosing(disc) + self.robot.discs()[disc].origin.norm();
-                shift.norm() + turn.norm() * arm
-            })
+        let (centres, discs) = (&chain.centres, self.robot.discs().iter().enumerate());
+        let arms: Vec<f64> = discs
+            .map(|(disc, own)| self.beads.enclosing(disc) + own.origin.norm())
+            .collect();
+        let farthest: Vec<f64> = (motions.iter().zip(&arms))
+            .map(|(motion, arm)| most_displaced(motion, *arm))
             .collect();
         for apart in self.pairs.iter().flat_map(|pairs| &pairs.apart) {
             let [below, above] = apart.discs;
             if farthest[below] + farthest[above] > apart.distance {
-                limit(self.most_apart(&motions, apart.discs), apart.distance);
+                let most = most_apart(&motions, centres, apart.discs, arms[above]);
+                limit(most, apart.distance);
             }
         }
         for near in self.near_pairs() {
@@ -66,19 +87,6 @@ impl Equations {
                 .iter_mut()
                 .for_each(|turn| *turn *= factor);
         }
-    }
-
-    /// The most that a point of one disc is displaced from the other disc (m).
-    fn most_apart(
-        &self,
-        motions: &[(Vector3<f64>, Vector3<f64>)],
-        [below, above]: [usize; 2],
-    ) -> f64 {
-        let centres = &self.iterate.posture.chain.centres;
-        let [(turn, shift), (other_turn, other_shift)] = [motions[below], motions[above]];
-        let carried = shift + turn.cross(&(centres[above] - centres[below]));
-        let arm = self.beads.enclosing(above) + self.robot.discs()[above].origin.norm();
-        (other_shift - carried).norm() + (other_turn - turn).norm() * arm
     }
 
     /// Whether a bead's centre may have passed through an obstacle since the step began.

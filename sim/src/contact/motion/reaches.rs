@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use super::coupled::Movables;
 use super::objects::Objects;
 use super::touch::DiscVelocities;
+use crate::contact::clear::{most_apart, most_displaced};
 use crate::contact::near_pairs::PairNeighbourhood;
 use crate::geometry::Beads;
 use crate::robot::Robot;
@@ -52,8 +53,8 @@ impl Reaches {
     ) {
         self.window = window;
         self.discs.clear();
-        let discs = self.arms.iter().enumerate();
-        let ways = discs.map(|(disc, arm)| MARGIN * window * motions.fastest(disc, *arm));
+        let discs = motions.0.iter().zip(&self.arms);
+        let ways = discs.map(|(motion, arm)| MARGIN * window * most_displaced(motion, *arm));
         self.discs.extend(ways.map(|way| way.max(self.least)));
         objects.speeds(movables, &mut self.obstacles);
         (self.obstacles.iter_mut()).for_each(|speed| *speed *= MARGIN * window);
@@ -87,14 +88,8 @@ impl Reaches {
     }
 
     /// How far two discs come nearer at most (m).
-    fn way(
-        &self,
-        [one, other]: [usize; 2],
-        motions: &DiscVelocities,
-        centres: &[Vector3<f64>],
-    ) -> f64 {
-        let between = centres[other] - centres[one];
-        self.window * motions.fastest_seen_by(one, other, &between, self.arms[other])
+    fn way(&self, discs: [usize; 2], motions: &DiscVelocities, centres: &[Vector3<f64>]) -> f64 {
+        self.window * most_apart(&motions.0, centres, discs, self.arms[discs[1]])
     }
 
     /// Whether all that comes to touch at these motions was within reach.
@@ -105,12 +100,12 @@ impl Reaches {
         (objects, movables): (&Objects, &Movables),
         own: Option<&PairNeighbourhood>,
     ) -> bool {
-        let ways = |disc: usize| self.window * motions.fastest(disc, self.arms[disc]);
+        let mut discs = motions.0.iter().zip(&self.arms).zip(&self.discs);
         let mut speeds = Vec::new();
         objects.speeds(movables, &mut speeds);
         let mut moved = speeds.iter().zip(&self.obstacles);
         let apart = own.map_or(&[][..], |own| &own.apart);
-        (0..self.arms.len()).all(|disc| ways(disc) <= self.discs[disc])
+        discs.all(|((motion, arm), allowed)| self.window * most_displaced(motion, *arm) <= *allowed)
             && moved.all(|(speed, allowed)| self.window * speed <= *allowed)
             && apart.iter().all(|apart| {
                 self.most_of(apart.discs) <= apart.distance

@@ -176,25 +176,6 @@ impl DiscVelocities {
             }));
     }
 
-    /// Highest speed of the points of a disc that are within `arm` (m) of its joint's centre (m/s).
-    pub fn fastest(&self, disc: usize, arm: f64) -> f64 {
-        let (turn, shift) = self.0[disc];
-        shift.norm() + turn.norm() * arm
-    }
-
-    /// The same as seen by a `viewer`, another disc, given what leads from its joint's centre to that of the disc (m).
-    pub fn fastest_seen_by(
-        &self,
-        viewer: usize,
-        disc: usize,
-        between: &Vector3<f64>,
-        arm: f64,
-    ) -> f64 {
-        let [(own_turn, own_shift), (turn, shift)] = [viewer, disc].map(|disc| self.0[disc]);
-        let shift = shift - own_shift - own_turn.cross(between);
-        shift.norm() + (turn - own_turn).norm() * arm
-    }
-
     /// Velocity of a point of a disc (m/s), at `arm` from its joint's centre.
     pub fn of(&self, disc: usize, arm: &Vector3<f64>) -> Vector3<f64> {
         let (turn, shift) = self.0[disc];
