@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 
@@ -12,6 +13,9 @@ def main() -> int:
     """Runs the command line with the arguments of the process; returns the exit status."""
     # The interpreter would only note a Ctrl-C, and act on it when the command has ended.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if sys.executable:
+        # For the command that runs Python.
+        os.environ.setdefault("TDCR_PYTHON", sys.executable)
     return run_command(["tdcr", *sys.argv[1:]])
 
 

@@ -2,12 +2,13 @@
 
 LeRobot's own writer makes the files, Parquet and MP4, so they are those of the version that is installed
 (``pip install ".[lerobot]"``).
-``python -m tdcr.lerobot LOG... --out FOLDER`` is :func:`export_logs` on the command line.
+``tdcr data export --format lerobot`` is :func:`export_logs` and :func:`export_commands` on the command line.
 """
 
 from __future__ import annotations
 
-import argparse
+import logging
+import math
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -22,12 +23,17 @@ from tdcr._arrays import Floats, as_count, as_flag, as_float, as_list, as_text
 from tdcr._files import as_path, as_paths
 from tdcr._recorded import ACTION, IMAGES, STATE, Channels, Message, features_of, messages_of
 from tdcr.data import PathLike
-from tdcr.dynamics import Motion
+from tdcr.dynamics import Motion, simulate
 from tdcr.errors import DataError, InputError, MissingPackageError
 from tdcr.robot import Robot, RobotLike, as_robot
 from tdcr.vision import View, render
 
-__all__ = ["export_logs", "export_motions"]
+__all__ = ["export_commands", "export_logs", "export_motions"]
+
+_LOG = logging.getLogger(__name__)
+
+_TIME_STEP = 0.002
+"""Longest time step of a simulated episode (s): that of :func:`tdcr.simulate`."""
 
 _WHOLE = 1e-6
 """How far a number of frames per second may be from a whole one."""
@@ -83,6 +89,7 @@ def export_logs(
             if count == 0:
                 raise DataError(f"{path}: at no time are positions, a command and all pictures known")
             data.save_episode()
+            _LOG.info("%s: %d frames", path, count)
     return Path(out)
 
 
@@ -99,6 +106,43 @@ def _resampled(messages: Iterator[Message], channels: Channels, fps: int) -> Ite
             known[key] = channels.merged(key, known.get(key), value)
         if first is None and channels.complete(known):
             first = time
+
+
+def export_commands(
+    robot: RobotLike,
+    commands: Sequence[Any],
+    out: PathLike,
+    *,
+    fps: int = 10,
+    cameras: Sequence[int] = (0,),
+    task: str = "",
+    repo_id: str = "tdcr/simulated",
+    videos: bool = True,
+    depth: bool = False,
+) -> Path:
+    """Simulates a robot under sequences of commands and writes what it did as a data set of LeRobot, an episode each.
+
+    Args:
+        robot: The robot, which starts straight and at rest.
+        commands: For each episode, an array of shape (T, tendons), T at least 2 (m or N); each command holds for a frame.
+        out, cameras, task, repo_id, videos, depth: As of :func:`export_motions`, whose frames these are.
+        fps: Frames per second. Time steps are the longest of a whole number in a frame that are no longer than 2 ms.
+
+    Raises:
+        DynamicsError: For a robot that needs shorter time steps.
+        CommandError: For a command that the robot cannot take.
+        MissingPackageError, InputError, DataError: As of :func:`export_motions`.
+    """
+    # Before what takes time.
+    _writer(as_flag(depth, "depth"))
+    robot = as_robot(robot)
+    rate = as_count(fps, "fps", 1, 1000)
+    steps = math.ceil(1.0 / (rate * _TIME_STEP))
+    episodes = []
+    for k, given in enumerate(as_list(commands, "commands")):
+        array = as_float(given, f"commands[{k}]", ("T", robot.tendons))
+        episodes.append((array, simulate(robot, array, dt=1.0 / (rate * steps), frame_skip=steps)))
+    return export_motions(robot, episodes, out, cameras=cameras, task=task, repo_id=repo_id, videos=videos, depth=depth)
 
 
 def export_motions(
@@ -145,7 +189,7 @@ def export_motions(
     sizes = {f"camera{camera}": views[camera].depth.shape for camera in chosen}
     features = features_of(state, [f"tendon{tendon}.pos" for tendon in tendons], sizes, depth)
     with _written(out, given[0].fps, features, repo_id, videos, depth) as data:
-        for episode in given:
+        for k, episode in enumerate(given):
             for frame in episode.frames():
                 seen = _views(robot, frame.pop("configuration"), chosen)
                 for camera in chosen:
@@ -154,6 +198,7 @@ def export_motions(
                         frame[f"{IMAGES}.camera{camera}_depth"] = seen[camera].depth[..., np.newaxis]
                 data.add_frame(frame | {"task": as_text(task, "task")})
             data.save_episode()
+            _LOG.info("episode %d of %d: %d frames", k + 1, len(given), len(episode.commands) - 1)
     return Path(out)
 
 
@@ -199,9 +244,8 @@ def _views(robot: Robot, configuration: Floats, cameras: list[int]) -> list[View
     return views
 
 
-@contextmanager
-def _written(out: PathLike, fps: int, features: dict[str, Any], repo_id: str, videos: bool, depth: bool) -> Iterator[Any]:
-    """A data set to add episodes to: its folder is there, whole, at the end, or not at all."""
+def _writer(depth: bool) -> Any:
+    """LeRobot's writer of data sets."""
     try:
         from lerobot.datasets.lerobot_dataset import LeRobotDataset, LeRobotDatasetMetadata
     except ImportError as error:
@@ -209,6 +253,13 @@ def _written(out: PathLike, fps: int, features: dict[str, Any], repo_id: str, vi
         raise MissingPackageError(reason) from error
     if depth and not hasattr(LeRobotDatasetMetadata, "depth_keys"):
         raise MissingPackageError("this LeRobot has no depth: pip install 'lerobot[dataset]>=0.6', or leave depth out")
+    return LeRobotDataset
+
+
+@contextmanager
+def _written(out: PathLike, fps: int, features: dict[str, Any], repo_id: str, videos: bool, depth: bool) -> Iterator[Any]:
+    """A data set to add episodes to: its folder is there, whole, at the end, or not at all."""
+    writer = _writer(depth)
     folder = Path(as_path(out, "out")).absolute()
     if folder.exists():
         raise DataError(f"{folder} is there already; expected none")
@@ -220,30 +271,7 @@ def _written(out: PathLike, fps: int, features: dict[str, Any], repo_id: str, vi
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as beside:
         part = Path(beside) / folder.name
         name = as_text(repo_id, "repo_id")
-        data = LeRobotDataset.create(name, fps, features, root=part, robot_type="tdcr", use_videos=videos)
+        data = writer.create(name, fps, features, root=part, robot_type="tdcr", use_videos=videos)
         yield data
         data.finalize()
         os.replace(part, folder)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """:func:`export_logs` on the command line."""
-    parser = argparse.ArgumentParser(prog="python -m tdcr.lerobot", description="Write logs of a rig as a data set of LeRobot")
-    parser.add_argument("logs", nargs="+", type=Path, metavar="LOG", help="logs of one rig (MCAP), an episode each")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set")
-    parser.add_argument("--fps", type=int, default=10, help="frames per second [default: %(default)s]")
-    parser.add_argument("--task", default="", help="what the robot does, in words")
-    parser.add_argument("--repo-id", default="tdcr/recorded", metavar="USER/NAME", help="name [default: %(default)s]")
-    parser.add_argument("--images", action="store_true", help="keep pictures without loss in place of MP4 videos")
-    parser.add_argument("--depth", action="store_true", help="write depth, too (LeRobot 0.6)")
-    given = parser.parse_args(arguments)
-    try:
-        options = {"fps": given.fps, "task": given.task, "repo_id": given.repo_id, "depth": given.depth}
-        folder = export_logs(given.logs, given.out, videos=not given.images, **options)
-    except (InputError, DataError, MissingPackageError) as error:
-        parser.exit(1, f"error: {error}\n")
-    print(folder)
-
-
-if __name__ == "__main__":
-    main()

@@ -133,6 +133,11 @@ impl Console {
         matches!(self.format, Format::Json)
     }
 
+    /// Whether nothing but errors and the result are wanted.
+    pub fn is_quiet(&self) -> bool {
+        self.quiet
+    }
+
     /// Says a line about the work on stderr, unless only errors and the result are wanted.
     pub fn tell(&self, line: &str) {
         if !self.quiet {

@@ -26,6 +26,7 @@ mod extend;
 mod files;
 mod foreign_data;
 mod initial;
+mod lerobot;
 mod log;
 mod methods;
 mod names;

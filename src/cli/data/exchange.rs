@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, ExportFormat, Finding, ImportSettings, LengthUnit};
@@ -9,6 +10,7 @@ use tdcr::pipeline;
 use tdcr::report::counted;
 
 use super::Console;
+use super::lerobot::{self, EpisodeArgs};
 use crate::cli::output;
 
 /// Make a data set from clouds (.ply, .pcd, .npy, .npz) and the motor files {"ctrl": [...]} of the same names
@@ -40,18 +42,24 @@ pub(in crate::cli) struct ImportArgs {
     seed: u64,
 }
 
-/// Write the clouds of a data set as files of their own, with their conditions beside them
+/// Write the clouds of a data set as files of their own, with their conditions beside them, or episodes for LeRobot
+///
+/// --format lerobot makes a data set of LeRobot (version 3: Parquet, MP4) of what robots did, an episode each: of captures, logs and
+/// files of commands, under which a robot is simulated. Python does it, with the packages tdcr and lerobot (pip install
+/// 'tdcr[lerobot]'): python3, or the interpreter that the variable TDCR_PYTHON names.
 #[derive(Debug, Args)]
 pub(in crate::cli) struct ExportArgs {
-    /// Folder of the data set
-    #[arg(value_name = "SET")]
-    set: PathBuf,
-    /// Format of the clouds
+    /// Folder of the data set; for lerobot the folders of captures, logs (.mcap), or files of commands (.csv or .json), a row a frame
+    #[arg(required = true, value_name = "SOURCE")]
+    sources: Vec<PathBuf>,
+    /// What to write
     #[arg(long, value_enum)]
     format: Format,
-    /// Folder of the clouds
+    /// Folder to write
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    #[command(flatten, next_help_heading = "Options of --format lerobot")]
+    episodes: EpisodeArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -76,8 +84,12 @@ impl Units {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Format {
+    /// A cloud a file, binary
     Ply,
+    /// A cloud a file, arrays of NumPy
     Npz,
+    /// Episodes of a robot that moves
+    Lerobot,
 }
 
 #[derive(Serialize)]
@@ -117,12 +129,23 @@ pub(super) fn import(args: &ImportArgs, console: &Console) -> anyhow::Result<()>
 }
 
 pub(super) fn export(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
-    output::folder("--out", &args.out, "a folder for the clouds")?;
-    let set = DataSet::open(&args.set)?;
     let format = match args.format {
         Format::Ply => ExportFormat::Ply,
         Format::Npz => ExportFormat::Npz,
+        Format::Lerobot => {
+            output::folder("--out", &args.out, "a folder for the episodes")?;
+            return lerobot::export(&args.sources, &args.out, &args.episodes, console);
+        }
     };
+    if let Some(option) = args.episodes.first() {
+        bail!("{option} goes with --format lerobot");
+    }
+    let [set] = args.sources.as_slice() else {
+        let sets = counted(args.sources.len(), "data set");
+        bail!("{sets} are given; expected one, whose clouds have the folder for themselves");
+    };
+    output::folder("--out", &args.out, "a folder for the clouds")?;
+    let set = DataSet::open(set)?;
     let clouds = pipeline::export(&set, format, &args.out, console)?;
     let dir = args.out.clone();
     Moved { dir, clouds }.tell(console)

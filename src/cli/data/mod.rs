@@ -3,6 +3,7 @@
 mod check;
 mod exchange;
 mod info;
+mod lerobot;
 mod merge;
 mod view;
 

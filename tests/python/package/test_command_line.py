@@ -13,7 +13,7 @@ import pytest
 from by_command_line import TDCR, command_line
 
 import tdcr
-from tdcr import inverse
+from tdcr import inverse, lerobot
 from tdcr.errors import InputError
 
 OPTION = re.compile(r"^ +(?:-\w, )?--([a-z][a-z-]*)(?: <[^>]*>)?(.*?)(?=^ +(?:-\w, )?--|\Z)", re.MULTILINE | re.DOTALL)
@@ -26,6 +26,11 @@ GLOBAL = {"json", "threads", "quiet", "help", "version"}
 
 LOADS = {"wrench": "loads", "line-load": "loads"}
 """`tdcr.Loads` has both."""
+
+EPISODES = ("robot", "cameras", "fps", "task", "repo-id", "images", "depth")
+"""Options of episodes for LeRobot."""
+
+EPISODES_ELSEWHERE = {"format": "there is one", "images": "videos=False"}
 
 COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
     "settle": (
@@ -72,7 +77,12 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
     "data check": (tdcr.Dataset.check, {}),
     "data merge": (tdcr.merge, {}),
     "data import": (tdcr.import_clouds, {}),
-    "data export": (tdcr.export_clouds, {}),
+    "data export": (tdcr.export_clouds, dict.fromkeys(EPISODES, "of tdcr.lerobot")),
+    "data export --format lerobot": (lerobot.export_commands, EPISODES_ELSEWHERE),
+    "data export --format=lerobot": (
+        lerobot.export_logs,
+        {**EPISODES_ELSEWHERE, "robot": "of commands", "cameras": "of commands"},
+    ),
     "train": (tdcr.train, {"no-colors": "colors=False"}),
     "distill": (tdcr.distill, {}),
     "predict": (

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import os
+import signal
+import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from by_command_line import TDCR
 
 import tdcr
 import tdcr.lerobot as lerobot
@@ -95,7 +100,7 @@ def test_frames_have_what_was_known_last() -> None:
 
 def test_a_log_is_an_episode(tmp_path: Path, writer: list[Writer]) -> None:
     pytest.importorskip("mcap_protobuf")
-    lerobot.main([str(SAMPLE), "--out", str(tmp_path / "data"), "--fps", "1000", "--task", "bend", "--images", "--depth"])
+    lerobot.export_logs([SAMPLE], tmp_path / "data", fps=1000, task="bend", videos=False, depth=True)
     (made,) = writer
     assert json.loads((tmp_path / "data/info.json").read_text())["fps"] == 1000
     assert [file.name for file in tmp_path.iterdir()] == ["data"]
@@ -154,6 +159,115 @@ def test_what_is_no_data_set_leaves_nothing(tmp_path: Path, writer: list[Writer]
     monkeypatch.setitem(sys.modules, "lerobot.datasets.lerobot_dataset", None)
     with pytest.raises(MissingPackageError, match="needs LeRobot"):
         lerobot.export_motions(ROBOT, [(commands, motion)], out)
+
+
+STAND_IN = """
+    import json, os, time
+
+    class LeRobotDatasetMetadata:
+        depth_keys = ()
+
+    class LeRobotDataset:
+        @classmethod
+        def create(cls, repo_id, fps, features, root, **options):
+            made = cls()
+            root.mkdir()
+            made.root, made.found, made.frames = root, {"repo_id": repo_id, "fps": fps, "features": list(features)}, []
+            made.episodes = []
+            return made
+
+        def add_frame(self, frame):
+            self.frames.append(frame["action"].tolist())
+            if frame["task"] == "wait":
+                print("waiting", flush=True)
+                time.sleep(60)
+
+        def save_episode(self):
+            self.episodes.append(self.frames)
+            self.frames = []
+
+        def finalize(self):
+            (self.root / "info.json").write_text(json.dumps(self.found | {"episodes": self.episodes}))
+"""
+"""LeRobot's writer, in a process of its own."""
+
+
+@pytest.fixture
+def by_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to run the command line in, which finds the stand-in."""
+    package = tmp_path / "site/lerobot/datasets"
+    package.mkdir(parents=True)
+    for folder in (package, package.parent):
+        (folder / "__init__.py").touch()
+    (package / "lerobot_dataset.py").write_text(textwrap.dedent(STAND_IN))
+    path = [str(tmp_path / "site"), str(Path(tdcr.__file__).parents[1])]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
+    monkeypatch.setenv("TDCR_PYTHON", sys.executable)
+    # Not the package, though it has its name.
+    (tmp_path / "run/tdcr").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "run")
+    return tmp_path / "run"
+
+
+def export(front: list[str], *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [*front, "data", "export", "--format", "lerobot", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+
+
+def test_the_command_line_exports_logs_and_commands(by_command: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mcap_protobuf")
+    log = export([str(TDCR)], SAMPLE, "--out", "recorded", "--fps", 1000)
+    assert (log.returncode, log.stdout) == (0, "recorded: 1 episode\n"), log.stderr
+    assert f"INFO export: {SAMPLE}: " in log.stderr
+    recorded = json.loads((by_command / "recorded/info.json").read_text())
+    assert (recorded["repo_id"], recorded["fps"]) == ("tdcr/recorded", 1000) and len(recorded["episodes"]) == 1
+
+    # By pip's command, whose own interpreter it is.
+    monkeypatch.delenv("TDCR_PYTHON")
+    commands = [ROBOT.random_commands(count, seed=count) for count in (4, 3)]
+    for k, table in enumerate(commands):
+        np.savetxt(f"{k}.csv", table, delimiter=",", fmt="%.17g")
+    options = ["--robot", "2m", "--fps", 30, "--cameras", "none", "--json", "--quiet"]
+    made = export([sys.executable, "-m", "tdcr"], "0.csv", "1.csv", "--out", "simulated", *options)
+    assert made.returncode == 0 and not made.stderr, made.stderr
+    assert json.loads(made.stdout) == {"dir": "simulated", "episodes": 2}
+    simulated = json.loads((by_command / "simulated/info.json").read_text())
+    assert (simulated["repo_id"], simulated["fps"]) == ("tdcr/simulated", 30)
+    assert simulated["features"] == ["observation.state", "action"]
+    for frames, table in zip(simulated["episodes"], commands, strict=True):
+        np.testing.assert_array_equal(frames, table[1:].astype(np.float32))
+
+    again = export([sys.executable, "-m", "tdcr"], "0.csv", "--out", "simulated", "--robot", "2m")
+    assert again.returncode == 1 and "simulated is there already; expected none" in again.stderr
+
+
+def test_an_export_that_ends_early_leaves_nothing(by_command: Path) -> None:
+    pytest.importorskip("mcap_protobuf")
+    options = ["--format", "lerobot", "--out", "data", "--fps", "1000", "--task", "wait"]
+    command = [str(TDCR), "data", "export", str(SAMPLE), *options]
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+            assert running.stdout is not None and running.stderr is not None
+            assert running.stdout.readline() == "waiting\n"
+            running.send_signal(number)
+            assert running.stderr.read() == "error: interrupted\n"
+            assert running.wait(timeout=60.0) == 130
+    assert [file.name for file in by_command.iterdir()] == ["tdcr"]
+
+
+def test_the_command_line_says_what_is_missing(by_command: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bare = by_command / "bare"
+    bare.write_text(f'#!/bin/sh\nexec "{sys.executable}" -I -S "$@"\n')
+    bare.chmod(0o755)
+    cases = [(bare, "cannot import (No module named 'tdcr')"), (by_command / "none", "cannot run ")]
+    for python, expected in cases:
+        monkeypatch.setenv("TDCR_PYTHON", str(python))
+        said = export([str(TDCR)], SAMPLE, "--out", "data")
+        assert said.returncode == 1 and expected in said.stderr and "pip install 'tdcr[lerobot]'" in said.stderr, said.stderr
+    monkeypatch.setenv("TDCR_PYTHON", sys.executable)
+    (by_command.parent / "site/lerobot/__init__.py").write_text("raise ImportError('no torch')")
+    said = export([str(TDCR)], SAMPLE, "--out", "data")
+    assert said.returncode == 1 and "cannot be imported (no torch): pip install 'lerobot[dataset]'" in said.stderr
 
 
 @pytest.mark.skipif(not installed("lerobot"), reason="LeRobot reads its data sets")

@@ -251,6 +251,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
             lerobot.export_logs,
             {"logs": [missing], "out": out, "fps": 10, "task": "a", "repo_id": "a/b", "videos": True, "depth": False},
         ),
+        (lerobot.export_commands, {"robot": ROBOT, "commands": [ROWS], "out": out, "fps": 10, "cameras": [0]}),
         (lerobot.export_motions, {"robot": ROBOT, "episodes": [(ROWS, None)], "out": out, "cameras": [0]}),
         (
             tdcr.new,
