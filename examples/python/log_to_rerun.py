@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -104,6 +105,31 @@ def log_message(topic: str, message: Any) -> None:
         rr.log(topic, rr.TextLog(message.message))
 
 
+def layout(cameras: list[str], servos: list[str]) -> rrb.Blueprint:
+    """What the viewer shows first: clouds and cameras in the world, what a camera sees, events, and curves of all servos."""
+    world = rrb.Spatial3DView(
+        name="world",
+        contents=["/**", *(f"- {camera}/depth" for camera in cameras)],
+        spatial_information=rrb.SpatialInformation("world"),
+    )
+    seen = [rrb.Spatial2DView(name=camera.split("/")[-1], origin=camera) for camera in cameras[:1]]
+    present = [f"/servos/present/{servo}" for servo in servos]
+    curves = [
+        rrb.TimeSeriesView(name=name, contents=contents, plot_legend=rrb.PlotLegend(visible=False))
+        for name, contents in (
+            ("positions (rad)", [f"{servo}/position_rad" for servo in present]),
+            ("currents (A)", [f"{servo}/current_A" for servo in present]),
+            ("commands (m or N)", ["/command/**"]),
+        )
+    ]
+    left = rrb.Vertical(world, rrb.TextLogView(name="events", origin="/events"), row_shares=[3, 1])
+    return rrb.Blueprint(
+        rrb.Horizontal(left, rrb.Vertical(*seen, *curves), column_shares=[3, 2]),
+        rrb.TimePanel(timeline="time", play_state="following", state="collapsed"),
+        collapse_panels=True,
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("log", type=Path, help="a log of a rig (MCAP)")
@@ -112,10 +138,16 @@ def main() -> None:
     rr.init("tdcr_log", spawn=False)
     rr.save(args.out)
     count = 0
+    cameras, servos = dict[str, None](), dict[str, None]()
     for topic, time, message in messages(args.log):
         rr.set_time("time", timestamp=np.datetime64(time, "ns"))
         log_message(topic, message)
         count += 1
+        if topic.endswith("/depth"):
+            cameras[topic.removesuffix("/depth")] = None
+        elif topic == "/servos/present":
+            servos |= dict.fromkeys(joint.name for joint in message.joints)
+    rr.send_blueprint(layout(list(cameras), list(servos)))
     print(f"{args.out}: {count} messages")
 
 
