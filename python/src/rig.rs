@@ -15,6 +15,7 @@ use tdcr::hw::rig::{
 use tdcr::pipeline::{self, CaptureSettings, seen_tip};
 use tdcr::sim::cloud::{PointCloud, VoxelGrid};
 use tdcr::sim::robot::Command;
+use tdcr::track::TipSteer;
 
 use crate::dynamics::command_of;
 use crate::errors::{Failure, Outcome};
@@ -268,6 +269,17 @@ impl Rig {
         Ok(PyArray1::from_slice(py, drawn.command.as_slice()))
     }
 
+    /// The command, near the present one, under which the model has its tip by so much (m, world frame) from where it is.
+    fn steer<'py>(&self, py: Python<'py>, by: [f64; 3]) -> Outcome<Bound<'py, PyArray1<f64>>> {
+        let found = self.short(py, |rig| -> Outcome<_> {
+            let command = rig.commanded().ok_or(RigError::Released)?;
+            let mut steer = TipSteer::new(rig).map_err(of_rig)?;
+            let found = rig.hold_while(|| steer.moved(&command, by.into()))?;
+            found.map_err(of_rig)
+        })??;
+        Ok(PyArray1::from_vec(py, found))
+    }
+
     /// Makes a data set, or goes on with it.
     #[pyo3(signature = (out, options, hang = None, progress = None))]
     fn capture(
@@ -324,6 +336,11 @@ pub fn record_background(
         watch.advance(1);
         Ok(notes_of(&file))
     })?
+}
+
+/// What a rig's model has to say of a tip, as an error of the rig.
+fn of_rig(error: impl std::error::Error) -> Failure {
+    Failure::Of("RigError", error.to_string())
 }
 
 fn notes_of(file: &RigFile) -> Vec<String> {

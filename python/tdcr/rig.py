@@ -359,6 +359,21 @@ class Rig:
         """A command by chance, shape (tendons,) (m), that can be reached from home with tensions within bounds."""
         return self._native.draw(as_seed(seed))
 
+    def steer(self, by: Any) -> Floats:
+        """The command, shape (tendons,) (m), that brings the tip so far from where the rig is commanded, by the model.
+
+        It is within the rig's limits of commands and tensions, and moves the tendons as little as it can. :meth:`move_to` goes
+        there, as ``tdcr jog --tip`` does.
+
+        Args:
+            by: How far, shape (3,) (m, world frame).
+
+        Raises:
+            RigError: Where the motors are off, and where no command within the limits leads there.
+        """
+        x, y, z = as_float(by, "by", (3,)).tolist()
+        return self._native.steer((x, y, z))
+
     def within_limits(self, command: Any) -> bool:
         """Whether a command, shape (tendons,) (m), is within its ranges and the servos' limits."""
         try:

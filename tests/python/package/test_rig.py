@@ -56,6 +56,24 @@ def test_a_rig_moves_and_measures_its_tip(small: Path) -> None:
     assert not rig.engaged
 
 
+def test_a_tip_is_steered_by_the_model(small: Path) -> None:
+    rig = tdcr.Rig(small)
+    with pytest.raises(tdcr.errors.RigError, match="the motors are off"):
+        rig.steer([0.01, 0.0, 0.0])
+    rig.engage()
+    before = rig.commanded
+    by = np.array([0.01, -0.004, -0.002])
+    command = rig.steer(by)
+    moved = tdcr.settle(rig.robot, command).tip - tdcr.settle(rig.robot, before).tip
+    np.testing.assert_allclose(moved, by, atol=2e-5)
+    rig.move_to(command)
+    with pytest.raises(tdcr.errors.RigError, match="m short of what is wanted"):
+        rig.steer([0.0, 0.0, 0.3])
+    with pytest.raises(tdcr.errors.InputError, match="by has shape"):
+        rig.steer([0.01])
+    rig.release()
+
+
 def test_what_a_rig_refuses_is_an_error_that_says_why(small: Path, tmp_path: Path) -> None:
     with pytest.raises(tdcr.errors.RigError, match="no-such"):
         tdcr.Rig(tmp_path / "no-such.toml")
