@@ -2,7 +2,7 @@
 
 import tomllib
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from lerobot.robots import Robot
@@ -11,36 +11,40 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 import tdcr
 
 from .config_tdcr import TdcrRobotConfig
+from .keeper import Keeper
 
 
 class TdcrRobot(Robot):
     """A tendon-driven continuum robot with its servos and cameras.
 
-    Actions move the rig no faster than its slew; what is sent is returned. Tension is released on ``disconnect``, and by the rig
-    itself on every other way out. LeRobot's loop has to come round twice in the rig's watchdog (``safety.watchdog``), at most
-    once a ``motion.period``.
+    Actions move the rig no faster than its slew and no farther than its limits, tendon by tendon; what is sent is returned.
+    Tension is released on ``disconnect``, and by the rig itself on every other way out. Between two calls of LeRobot the robot
+    holds its pose. Its loop comes round at most once a ``motion.period``.
     """
 
     config_class = TdcrRobotConfig
     name = "tdcr"
+    connected: ClassVar[Keeper | None] = None
+    """The rig that was connected last, for what steers it."""
 
     def __init__(self, config: TdcrRobotConfig) -> None:
         super().__init__(config)
         self.config = config
         self._file = tomllib.loads(config.rig.read_text(encoding="utf-8"))
         self._rig: tdcr.Rig | None = None
+        self._keeper: Keeper | None = None
         self._tendons = [f"tendon{tendon}" for tendon in range(len(self._file["servos"]["ids"]))]
 
     @property
-    def _sizes(self) -> dict[str, tuple[int, int, int]]:
-        """Shape of the pictures of each camera, from the rig's file."""
+    def cameras(self) -> dict[str, tuple[int, int, int]]:
+        """Shape of the pictures of each camera, from the rig's file; LeRobot counts them."""
         cameras = self._file.get("cameras", []) if self.config.pictures else []
         return {camera["serial"]: (*reversed(camera["camera"]["resolution"]), 3) for camera in cameras}
 
     @cached_property
     def observation_features(self) -> dict[str, Any]:
-        servos = {f"{tendon}.{what}": float for tendon in self._tendons for what in ("pos", "current")}
-        return {**servos, **self._sizes}
+        told = ("pos", "current") if self.config.currents else ("pos",)
+        return {f"{tendon}.{what}": float for tendon in self._tendons for what in told} | self.cameras
 
     @cached_property
     def action_features(self) -> dict[str, type]:
@@ -56,7 +60,9 @@ class TdcrRobot(Robot):
 
     def calibrate(self) -> None:
         """Finds home again, where servos have lost their turns; a rig that never had one is homed by hand (``tdcr home``)."""
-        self._connected().home(recall=True)
+        if self._rig is None:
+            raise DeviceNotConnectedError(f"{self} is not connected: call connect() first")
+        self._rig.home(recall=True)
 
     def configure(self) -> None:
         """Nothing: the rig's file says how it is driven."""
@@ -72,37 +78,46 @@ class TdcrRobot(Robot):
                 self.calibrate()
             rig.engage()
             rig.go_home()
+            self._keeper = TdcrRobot.connected = Keeper(rig, self.config.hold)
         except BaseException:
             self.disconnect()
             raise
 
     def get_observation(self) -> dict[str, Any]:
-        rig = self._connected()
         seen: dict[str, Any] = {}
-        for tendon, state in zip(self._tendons, rig.state(), strict=True):
-            if isinstance(state, tdcr.rig.Silence):
-                raise ConnectionError(f"{tendon}, servo {state.id}: {state.reason}")
-            seen |= {f"{tendon}.pos": state.command, f"{tendon}.current": state.pull}
-        if self._sizes:
-            views = rig.grab().views
-            seen |= {serial: view.color for serial, view in zip(rig.cameras, views, strict=True)}
+        with self._connected() as rig:
+            for tendon, state in zip(self._tendons, rig.state(), strict=True):
+                if isinstance(state, tdcr.rig.Silence):
+                    raise ConnectionError(f"{tendon}, servo {state.id}: {state.reason}")
+                seen[f"{tendon}.pos"] = state.command
+                if self.config.currents:
+                    seen[f"{tendon}.current"] = state.pull
+            if self.cameras:
+                views = rig.grab().views
+                seen |= {serial: view.color for serial, view in zip(rig.cameras, views, strict=True)}
         return seen
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        rig = self._connected()
-        wanted = np.array([float(action[f"{tendon}.pos"]) for tendon in self._tendons])
-        at = np.array(rig.commanded)
-        farthest = rig.slew * rig.period
-        sent = at + np.clip(wanted - at, -farthest, farthest)
-        rig.step(sent)
+        with self._connected() as rig:
+            wanted = np.array([float(action[f"{tendon}.pos"]) for tendon in self._tendons])
+            at = np.array(rig.commanded)
+            farthest = rig.slew * rig.period
+            sent = at + np.clip(wanted - at, -farthest, farthest)
+            if not rig.within_limits(sent):
+                # A policy asks for a little more than the rig may; tendons that are at their ends stay there.
+                alone = np.where(np.eye(len(at), dtype=bool), sent, at)
+                sent = np.where([rig.within_limits(command) for command in alone], sent, at)
+            rig.step(sent)
         return {f"{tendon}.pos": float(value) for tendon, value in zip(self._tendons, sent, strict=True)}
 
     def disconnect(self) -> None:
+        if self._keeper is not None:
+            self._keeper.end()
         if self._rig is not None:
             self._rig.release()
-        self._rig = None
+        self._rig = self._keeper = TdcrRobot.connected = None
 
-    def _connected(self) -> tdcr.Rig:
-        if self._rig is None:
+    def _connected(self) -> Keeper:
+        if self._keeper is None:
             raise DeviceNotConnectedError(f"{self} is not connected: call connect() first")
-        return self._rig
+        return self._keeper
