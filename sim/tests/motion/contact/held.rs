@@ -127,7 +127,8 @@ fn a_pressed_robot_keeps_its_lengths() {
 fn a_pressed_robot_comes_to_rest_where_it_settles() {
     let robot = held();
     let [semi, implicit] = BOTH;
-    // From the straight robot at once; of three lengths that leads to another equilibrium with each integrator.
+    // From the straight robot at once. In implicit steps three lengths lead to another pose of rest, from which settling does not
+    // converge.
     for (lengths, integrators) in [(ONE, vec![semi, implicit]), (THREE, vec![semi])] {
         let command = robot.command(&lengths).unwrap();
         let scene = frictionless(&in_the_way(&robot, &command));
