@@ -59,6 +59,8 @@ pub(super) struct Bound {
     is_convex: bool,
     /// Of the disc's beads that are not in the list, how far they can move at least without one coming too deep (m).
     pub clearance: f64,
+    /// A lower bound of their distance (m).
+    pub apart: f64,
 }
 
 impl Bound {
@@ -68,6 +70,7 @@ impl Bound {
         normal: Vector3::new(0.0, 0.0, 0.0),
         is_convex: false,
         clearance: 0.0,
+        apart: 0.0,
     };
 
     fn new(obstacle: &Obstacle, at: Vector3<f64>) -> Self {
@@ -79,6 +82,7 @@ impl Bound {
             normal: if is_convex { normal } else { Vector3::zeros() },
             is_convex,
             clearance: 0.0,
+            apart: 0.0,
         }
     }
 
@@ -153,7 +157,7 @@ impl Neighbourhood {
                     *bound = Bound::new(obstacle, *origin);
                     away = bound.distance - enclosing;
                 }
-                bound.clearance = away;
+                (bound.clearance, bound.apart) = (away, away);
                 if away < reach {
                     self.add_disc(beads, disc, (index, obstacle), chain, reach);
                 }
@@ -173,12 +177,16 @@ impl Neighbourhood {
         let (origin, orientation) = (&chain.positions[disc], chain.disc(disc));
         let at_origin = bound.of(origin);
         let normal = orientation.tr_mul(&bound.normal);
-        let mut clearance = f64::INFINITY;
+        let (mut clearance, mut apart) = (f64::INFINITY, f64::INFINITY);
+        let mut leave_out = |distance: f64, bead: &Bead| {
+            apart = apart.min(distance);
+            clearance = clearance.min(distance + WITHIN * bead.radius);
+        };
         for &bead in &beads.as_slice()[beads.of_disc(disc)] {
             if bound.is_convex {
                 let away = at_origin + normal.dot(&bead.centre) - bead.radius;
                 if away >= reach {
-                    clearance = clearance.min(away + WITHIN * bead.radius);
+                    leave_out(away, &bead);
                     continue;
                 }
             }
@@ -186,7 +194,7 @@ impl Neighbourhood {
             self.features.clear();
             obstacle.features(&centre, bead.radius, reach, &mut self.features);
             if self.features.is_empty() || !bound.is_convex {
-                clearance = clearance.min(reach + WITHIN * bead.radius);
+                leave_out(reach, &bead);
             }
             self.near.extend(self.features.iter().map(|feature| Near {
                 bead,
@@ -198,7 +206,7 @@ impl Neighbourhood {
                 centre,
             }));
         }
-        bound.clearance = clearance;
+        (bound.clearance, bound.apart) = (clearance, apart);
     }
 
     /// Takes the present posture as the one from which steps are judged.

@@ -406,7 +406,8 @@ impl ContactStepper {
             self.motions.set(&self.centres, &self.rates);
             let objects = (&self.objects, &self.problem.movables);
             let own = self.own.as_ref().map(|own| &own.pairs);
-            if (self.reaches).cover(&self.motions, &self.centres, objects, own)
+            let found = (&self.neighbourhood, own);
+            if (self.reaches).cover(&self.motions, &self.centres, objects, found)
                 || !self.is_resolved(&self.rates)
             {
                 break;

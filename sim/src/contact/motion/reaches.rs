@@ -9,6 +9,7 @@ use super::coupled::Movables;
 use super::objects::Objects;
 use super::touch::DiscVelocities;
 use crate::contact::clear::{most_apart, most_displaced};
+use crate::contact::near::Neighbourhood;
 use crate::contact::near_pairs::PairNeighbourhood;
 use crate::geometry::Beads;
 use crate::robot::Robot;
@@ -92,24 +93,33 @@ impl Reaches {
         self.window * most_apart(&motions.0, centres, discs, self.arms[discs[1]])
     }
 
-    /// Whether all that comes to touch at these motions was within reach.
+    /// Whether all that comes to touch at these motions was found.
     pub fn cover(
         &self,
         motions: &DiscVelocities,
         centres: &[Vector3<f64>],
         (objects, movables): (&Objects, &Movables),
-        own: Option<&PairNeighbourhood>,
+        found: (&Neighbourhood, Option<&PairNeighbourhood>),
     ) -> bool {
-        let mut discs = motions.0.iter().zip(&self.arms).zip(&self.discs);
         let mut speeds = Vec::new();
         objects.speeds(movables, &mut speeds);
-        let mut moved = speeds.iter().zip(&self.obstacles);
-        let apart = own.map_or(&[][..], |own| &own.apart);
-        discs.all(|((motion, arm), allowed)| self.window * most_displaced(motion, *arm) <= *allowed)
-            && moved.all(|(speed, allowed)| self.window * speed <= *allowed)
-            && apart.iter().all(|apart| {
-                self.most_of(apart.discs) <= apart.distance
-                    || self.way(apart.discs, motions, centres) <= apart.distance
+        let discs = motions.0.iter().zip(&self.arms);
+        let ways: Vec<f64> = discs
+            .map(|(motion, arm)| self.window * most_displaced(motion, *arm))
+            .collect();
+        let (near, pairs) = found;
+        let bounds = near.bounds.iter().enumerate();
+        let pairs = pairs.map_or(&[][..], |pairs| &pairs.apart);
+        let mut obstacles = bounds.map(|(index, bound)| {
+            let (obstacle, disc) = (index / ways.len(), index % ways.len());
+            let own = speeds.get(obstacle).unwrap_or(&0.0) * self.window;
+            ways[disc] + own <= bound.apart
+        });
+        obstacles.all(|covered| covered)
+            && pairs.iter().all(|pair| {
+                let [one, other] = pair.discs;
+                ways[one] + ways[other] <= pair.distance
+                    || self.way(pair.discs, motions, centres) <= pair.distance
             })
     }
 }
