@@ -104,7 +104,7 @@ class Scene(Sequence[Obstacle]):
 
     @property
     def self_friction(self) -> float:
-        """Coefficient of friction between discs of the robot, in motion; 0 by default."""
+        """Coefficient of friction between discs of the robot, along paths and in motion; 0 by default."""
         return self._native.self_friction()
 
     def with_self_contact(self, compliance: float | None, friction: float = 0.0) -> Scene:
@@ -112,7 +112,7 @@ class Scene(Sequence[Obstacle]):
 
         Args:
             compliance: How far they give way (m/N), or None.
-            friction: Their coefficient of friction, in motion. Paths of equilibria and derivatives refuse it.
+            friction: Their coefficient of friction, along paths and in motion. Derivatives refuse it.
 
         Raises:
             SceneError: For a compliance or friction below 0 or not finite.

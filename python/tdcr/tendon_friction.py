@@ -72,8 +72,8 @@ class FrictionPath:
     Args:
         robot: The robot.
         resolution: Largest turn of a joint in one substep (rad).
-        scene: What is around the robot: it touches that with the friction of each obstacle, and states have its contacts
-            (``state.equilibrium.contacts``).
+        scene: What is around the robot: it touches that with the friction of each obstacle, and itself with that of
+            ``Scene.with_self_contact``; states have its contacts (``state.equilibrium.contacts``).
     """
 
     def __init__(self, robot: RobotLike, resolution: float = 0.02, *, scene: Scene | None = None) -> None:

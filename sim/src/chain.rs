@@ -212,6 +212,16 @@ impl Chain {
         &self.orientations[index + 1]
     }
 
+    /// A point of a disc, given from its origin in its frame, in the world (m).
+    pub fn carried(&self, disc: usize, local: &Vector3<f64>) -> Vector3<f64> {
+        self.positions[disc] + self.disc(disc) * local
+    }
+
+    /// A point in the world, from the origin of a disc in its frame (m).
+    pub fn local(&self, disc: usize, point: &Vector3<f64>) -> Vector3<f64> {
+        self.disc(disc).tr_mul(&(point - self.positions[disc]))
+    }
+
     /// A point of a disc (`None`: of the base) given from its joint's centre (the base origin) in
     /// its frame, in the world (m).
     pub fn point(&self, robot: &Robot, disc: Option<usize>, local: &Vector3<f64>) -> Vector3<f64> {

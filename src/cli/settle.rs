@@ -47,8 +47,8 @@ pub(super) struct SettleArgs {
     /// lists. A column `payload` (kg) replaces --payload
     #[arg(long, value_name = "FILE", group = "file", conflicts_with_all = ["random", "path"])]
     commands: Option<PathBuf>,
-    /// Lead the robot along the commands of such a file, slowly: each settles from the one before, with friction of tendons and
-    /// obstacles where there is any, and says whether the robot snapped on the way
+    /// Lead the robot along the commands of such a file, slowly: each settles from the one before, with friction of tendons,
+    /// obstacles and discs where there is any, and says whether the robot snapped on the way
     #[arg(long, value_name = "FILE", group = "file", conflicts_with = "random")]
     path: Option<PathBuf>,
     /// With --commands or --path, the table to write (.csv or .json): tip, tendons, stiffness, residual of each command

@@ -26,7 +26,7 @@ struct Led {
 
 /// What leads it.
 enum Leader {
-    /// Friction of tendons or obstacles.
+    /// Tendons, obstacles or discs that touch each other have friction.
     Friction {
         path: Box<ContactPath>,
         /// Of the beads that stand for the discs (m).

@@ -18,7 +18,7 @@ const MIN_SUBSTEP: f64 = 1e-5;
 /// 0.02 rad, each settled from the one before. Where a substep of a hundred-thousandth of the way turns a joint farther, the branch ends
 /// there, and the robot snaps: it descends its energy to another equilibrium, without inertia.
 ///
-/// With friction of tendons or obstacles [`ContactPath`](crate::tendon_friction::ContactPath) leads; friction of the scene counts for
+/// With friction of tendons, of obstacles or between discs [`ContactPath`](crate::tendon_friction::ContactPath) leads; friction of the scene counts for
 /// nothing here.
 ///
 /// ```

@@ -1,10 +1,10 @@
 //! What contacts' forces change by, as a dense matrix of the joints' turns.
 
 use faer::Mat;
-use nalgebra::{Matrix3, Matrix3xX};
+use nalgebra::{Const, Dyn, Matrix3, Matrix3xX, OMatrix};
 
 use crate::chain::Chain;
-use crate::energy::{Pressing, add_block};
+use crate::energy::{Coupling, Pressing, add_block};
 
 /// Adds to the derivatives of the moments by the joints' turns what the forces of contacts change by.
 pub(super) fn add_stiffness(pressing: &Pressing, chain: &Chain, jacobian: &mut Mat<f64>) {
@@ -46,6 +46,35 @@ pub(super) fn add_stiffness(pressing: &Pressing, chain: &Chain, jacobian: &mut M
                     apart.fixed_columns::<3>(row).transpose() * forced.fixed_columns::<3>(column);
                 add_block(jacobian, i, j, &block);
             }
+        }
+    }
+    for coupling in &pressing.couplings {
+        add_coupling(coupling, chain, jacobian);
+    }
+}
+
+fn add_coupling(coupling: &Coupling, chain: &Chain, jacobian: &mut Mat<f64>) {
+    // Motions of both discs by a turn of each joint.
+    let n = chain.centres.len();
+    let mut motions = OMatrix::<f64, Const<12>, Dyn>::zeros(3 * n);
+    for (end, disc) in coupling.discs.into_iter().enumerate() {
+        for (joint, centre) in chain.centres.iter().enumerate().take(disc + 1) {
+            let arm = (coupling.position - centre).cross_matrix().transpose();
+            let [turn, shift] = [6 * end, 6 * end + 3];
+            motions
+                .fixed_view_mut::<3, 3>(turn, 3 * joint)
+                .copy_from(&Matrix3::identity());
+            motions
+                .fixed_view_mut::<3, 3>(shift, 3 * joint)
+                .copy_from(&arm);
+        }
+    }
+    let forced = coupling.form * &motions;
+    for i in 0..n {
+        for j in 0..n {
+            let block: Matrix3<f64> =
+                motions.fixed_columns::<3>(3 * i).transpose() * forced.fixed_columns::<3>(3 * j);
+            add_block(jacobian, i, j, &block);
         }
     }
 }

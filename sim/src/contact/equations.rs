@@ -11,6 +11,7 @@ use super::friction::Bristle;
 use super::law::{Hardness, Law};
 use super::near::{Near, Neighbourhood, check_outside};
 use super::near_pairs::{NearPair, PairNeighbourhood};
+use super::surfaces::Surfaces;
 use crate::chain::Configuration;
 use crate::energy::{DeadForces, Expansion, Potential, Pressing};
 use crate::factor::{ChainMatrix, Curvature, PairedLu, project};
@@ -45,7 +46,7 @@ pub(super) struct Equations {
     pub neighbourhood: Neighbourhood,
     /// The robot's contacts with itself, where there can be any.
     pub pairs: Option<PairNeighbourhood>,
-    /// Contacts with obstacles that resist sliding.
+    /// Contacts that resist sliding.
     pub bristles: Vec<Bristle>,
     /// Whether those are of the iterate.
     pub is_found: bool,
@@ -213,7 +214,7 @@ impl Equations {
         let own = self.own_law();
         let pairs = self.near_pairs().iter().map(|pair| own.energy(pair.gap));
         let sliding = self.bristles.iter();
-        let sliding = sliding.map(|bristle| bristle.energy(&bristle.position(chain)));
+        let sliding = sliding.map(|bristle| bristle.energy(&bristle.way(chain)));
         contacts.chain(pairs).chain(sliding).sum()
     }
 
@@ -234,15 +235,23 @@ impl Equations {
         }
         for bristle in &self.bristles {
             let posture = &self.iterate.posture;
-            let (force, stiffness) = bristle.response(&bristle.position(&posture.chain));
-            let point = (bristle.bead.disc, bristle.bead.centre);
-            self.pressing.push(posture, point, force, &stiffness);
+            let (force, stiffness) = bristle.response(&bristle.way(&posture.chain));
+            match bristle.surfaces() {
+                Surfaces::Obstacle(bead, _) => {
+                    let point = (bead.disc, bead.centre);
+                    self.pressing.push(posture, point, force, &stiffness);
+                }
+                Surfaces::Discs(beads) => {
+                    let pair = bristle.pair(&beads, &posture.chain);
+                    self.pressing.push_pair(pair, force);
+                }
+            }
         }
         let own = self.own_law();
         for pair in self.pairs.iter().flat_map(|pairs| &pairs.near) {
             let response = own.at(pair.gap);
             self.pressing
-                .push_pair(pair.pressed(&response), response.force);
+                .push_pair(pair.pressed(&response), pair.normal * response.force);
         }
     }
 

@@ -149,7 +149,7 @@ impl System for Mixed<'_> {
         equations.keep_clear();
         equations.iterate.limit_step(MAX_TURN);
         let step = &equations.iterate.step;
-        self.active.predict(equations, self.bristles, step);
+        self.active.predict(equations, step);
         Correction::new(size, largest_turn(step))
     }
 

@@ -28,11 +28,11 @@ mod sensitivity;
 mod settler;
 mod soften;
 mod stability;
+mod surfaces;
 mod touching;
 
 pub use branch::BranchPath;
 pub use motion::ContactStepper;
-pub(crate) use rubbing::check_own_friction;
 pub use sensitivity::{ContactSensitivity, ObstacleGradient, SceneGradient};
 pub use settler::ContactSettler;
 pub(crate) use touching::Touching;
@@ -165,15 +165,6 @@ pub enum ContactError {
     Loads {
         /// The disc, from 0.
         disc: usize,
-    },
-    /// Friction between discs, which paths of equilibria do not have.
-    #[error(
-        "the scene's `self_contact.friction` is {friction}, which counts in motion and not along paths of equilibria; leave it out, or \
-         simulate"
-    )]
-    SelfFriction {
-        /// The coefficient.
-        friction: f64,
     },
     /// A start inside an obstacle: on which side it should come out is not known.
     #[error(

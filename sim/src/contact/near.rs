@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::ContactError;
 use super::law::Response;
+use super::surfaces::Surfaces;
 use crate::chain::Chain;
 use crate::geometry::{Bead, Beads, Nearest};
 use crate::scene::{Obstacle, ObstacleShape, Scene};
@@ -36,9 +37,9 @@ pub(super) struct Near {
 }
 
 impl Near {
-    /// Whether it is of a bead and an obstacle.
-    pub fn is_of(&self, bead: &Bead, obstacle: usize) -> bool {
-        self.bead == *bead && self.obstacle == obstacle
+    /// What it is between.
+    pub fn surfaces(&self) -> Surfaces {
+        Surfaces::Obstacle(self.bead, self.obstacle)
     }
 
     /// By what matrix a displacement of the bead's centre diminishes the force on it (N/m).

@@ -1,6 +1,6 @@
 //! Which beads of a robot are near beads of its other discs, in one posture.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::chain::{Chain, Configuration};
 use crate::energy::{DiscPoint, Pair};
@@ -22,6 +22,47 @@ pub(super) struct NearPair {
 }
 
 impl NearPair {
+    /// Two beads, given their centres (m).
+    fn new(beads: [Bead; 2], centres: [Vector3<f64>; 2]) -> Self {
+        let between = centres[0] - centres[1];
+        let distance = between.norm();
+        Self {
+            beads,
+            centres,
+            // Of points that coincide any direction leads apart.
+            normal: between.try_normalize(0.0).unwrap_or(Vector3::x()),
+            gap: distance - beads[0].radius - beads[1].radius,
+        }
+    }
+
+    /// Two beads where a chain has them.
+    pub fn at(beads: [Bead; 2], chain: &Chain) -> Self {
+        Self::new(
+            beads,
+            beads.map(|bead| chain.carried(bead.disc, &bead.centre)),
+        )
+    }
+
+    /// The discs.
+    pub fn discs(&self) -> [usize; 2] {
+        self.beads.map(|bead| bead.disc)
+    }
+
+    /// Midway between the surfaces (m): where friction acts.
+    pub fn meeting(&self) -> Vector3<f64> {
+        self.centres[0] - self.normal * (self.beads[0].radius + 0.5 * self.gap)
+    }
+
+    /// Distance of the centres (m).
+    pub fn distance(&self) -> f64 {
+        (self.centres[0] - self.centres[1]).norm()
+    }
+
+    /// Second derivative of the gap by a displacement of the first centre from the second (1/m).
+    pub fn curvature(&self) -> Matrix3<f64> {
+        (Matrix3::identity() - self.normal * self.normal.transpose()) / self.distance()
+    }
+
     /// How the two press each other.
     pub fn pressed(&self, response: &Response) -> Pair {
         let point = |i: usize| DiscPoint {
@@ -29,12 +70,11 @@ impl NearPair {
             local: self.beads[i].centre,
             position: self.centres[i],
         };
-        let distance = (self.centres[0] - self.centres[1]).norm();
         Pair {
             points: [point(0), point(1)],
-            normal: self.normal,
+            axis: self.normal,
             // The force turns with the line between the points, whose curvature is that of a sphere.
-            stiffness: [response.stiffness, -response.force / distance],
+            stiffness: [response.stiffness, -response.force / self.distance()],
         }
     }
 }
@@ -183,15 +223,7 @@ fn for_pairs(beads: &Beads, chain: &Chain, discs: [usize; 2], mut take: impl FnM
         let centre = chain.positions[discs[0]] + turns[0] * first.centre;
         for &second in own[1] {
             let other = chain.positions[discs[1]] + turns[1] * second.centre;
-            let between = centre - other;
-            let distance = between.norm();
-            take(NearPair {
-                beads: [first, second],
-                centres: [centre, other],
-                // Of points that coincide any direction leads apart.
-                normal: between.try_normalize(0.0).unwrap_or(Vector3::x()),
-                gap: distance - first.radius - second.radius,
-            });
+            take(NearPair::new([first, second], [centre, other]));
         }
     }
 }

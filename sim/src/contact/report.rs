@@ -1,11 +1,11 @@
 //! What a solve among obstacles found.
 
-use nalgebra::Vector3;
-
 use super::equations::Equations;
 use super::friction::Bristle;
 use super::law::{Law, Response};
+use super::surfaces::Surfaces;
 use super::{Activity, Contact, ContactEquilibrium, Partner, Sliding};
+use crate::chain::Chain;
 use crate::statics::{Examined, Stability};
 
 /// Distance of two surfaces (m) from which on they do not count as touching, for each metre of the robot.
@@ -59,7 +59,7 @@ pub(super) fn report_contacts(equations: &Equations, out: &mut ContactEquilibriu
         };
         let bristle = rubbing.iter().find(|(_, face)| *face == index);
         let contact = match bristle {
-            Some((bristle, _)) => contact.rubbed(bristle, &centre),
+            Some((bristle, _)) => contact.rubbed(bristle, chain),
             None => contact,
         };
         out.add(contact, &law, &response, touching);
@@ -78,16 +78,26 @@ pub(super) fn report_contacts(equations: &Equations, out: &mut ContactEquilibriu
             activity: Activity::Weak,
             sliding: Sliding::Free,
         };
+        let surfaces = Surfaces::Discs(near.beads);
+        let mut bristles = equations.bristles.iter();
+        let contact = match bristles.find(|bristle| bristle.is_of(&surfaces)) {
+            // Where friction acts.
+            Some(bristle) => Contact {
+                point: near.meeting(),
+                ..contact.rubbed(bristle, chain)
+            },
+            None => contact,
+        };
         out.add(contact, &law, &response, touching);
     }
 }
 
-/// Each bristle, with the one of the faces near its bead, by their numbers, that bears most: its force is reported there.
+/// Each bristle on an obstacle, with the one of the faces near its bead, by their numbers, that bears most: its force is reported there.
 fn faces_of_bristles(equations: &Equations) -> Vec<(&Bristle, usize)> {
     let near = &equations.neighbourhood.near;
     let force = |face: usize| equations.law(&near[face]).at(near[face].gap).force;
     let of_bristle = |bristle: &Bristle| {
-        let own = |face: &usize| bristle.is_of(&near[*face].bead, near[*face].obstacle);
+        let own = |face: &usize| bristle.is_of(&near[*face].surfaces());
         let faces = (0..near.len()).filter(own);
         faces.max_by(|a, b| force(*a).total_cmp(&force(*b)))
     };
@@ -98,11 +108,12 @@ fn faces_of_bristles(equations: &Equations) -> Vec<(&Bristle, usize)> {
 }
 
 impl Contact {
-    /// With the force of its bristle, where the bead's centre is at a position.
-    fn rubbed(self, bristle: &Bristle, position: &Vector3<f64>) -> Self {
+    /// With the force of its bristle.
+    fn rubbed(self, bristle: &Bristle, chain: &Chain) -> Self {
+        let way = bristle.way(chain);
         Self {
-            force: self.force + bristle.response(position).0,
-            sliding: match bristle.slips(position) {
+            force: self.force + bristle.response(&way).0,
+            sliding: match bristle.slips(&way) {
                 true => Sliding::Slips,
                 false => Sliding::Sticks,
             },

@@ -8,9 +8,9 @@
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::equations::Equations;
-use super::friction::Bristle;
 use super::law::by_compliance;
 use super::near_pairs::NearPair;
+use super::surfaces::Surfaces;
 use crate::chain::Chain;
 pub use crate::dynamics::ObstacleGradient;
 use crate::energy::{DeadForces, twist};
@@ -76,20 +76,23 @@ impl ContactSensitivity {
         // Not the iterate's, which without obstacles has not moved.
         let mut chain = Chain::new(robot);
         chain.place(robot, &found.configuration);
-        let position = |bristle: &Bristle| bristle.position(&chain);
         let of = |obstacle: usize| scene.obstacles()[obstacle].compliance;
-        let sticking = equations.bristles.iter().map(|bristle| {
-            let (force, stiffness) = bristle.response(&position(bristle));
-            Pressed {
-                along_rod: bristle.bead.along_rod,
-                disc: bristle.bead.disc,
-                obstacle: bristle.obstacle,
+        // Those between discs have been refused.
+        let sticking = equations.bristles.iter().filter_map(|bristle| {
+            let Surfaces::Obstacle(bead, obstacle) = bristle.surfaces() else {
+                return None;
+            };
+            let (force, stiffness) = bristle.response(&bristle.way(&chain));
+            Some(Pressed {
+                along_rod: bead.along_rod,
+                disc: bead.disc,
+                obstacle,
                 is_normal: false,
-                point: position(bristle),
+                point: bristle.acts_at(&chain),
                 force,
                 stiffness,
-                by_compliance: by_compliance(of(bristle.obstacle), force * -bristle.stiffness),
-            }
+                by_compliance: by_compliance(of(obstacle), force * -bristle.stiffness),
+            })
         });
         let contacts: Vec<Pressed> = (equations.neighbourhood.near.iter())
             .map(|near| {

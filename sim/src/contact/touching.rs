@@ -184,8 +184,7 @@ impl Touching {
 
     /// Takes note of the whole step (rad).
     pub fn predict(&mut self, step: &[Vector3<f64>]) {
-        self.step
-            .predict(&self.settler.equations, &self.at.grip.bristles, step);
+        self.step.predict(&self.settler.equations, step);
     }
 
     /// Takes the last step over as an equilibrium.

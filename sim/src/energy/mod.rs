@@ -28,7 +28,7 @@ mod tests;
 
 pub(crate) use columns::Columns;
 pub(crate) use dead::DeadForces;
-pub(crate) use pressing::{DiscPoint, Pair, Pressing};
+pub(crate) use pressing::{Coupling, DiscPoint, Pair, Pressing};
 
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};

@@ -3,9 +3,10 @@
 //! In one configuration a contact is a dead force `f` on a point `p` of a disc, which the gradient and a part of the Hessian follow
 //! from ([`super::DeadForces`]). The rest of the Hessian is a form of the disc's motion `z_k`, its turn and the displacement of
 //! its joint's centre: `-P' (df/dp) P`, `P` being the point's displacement by it. Where two discs press each other it is a form of
-//! the displacement of one point from the other ([`Pair`]).
+//! the displacement of one point from the other ([`Pair`]), or where that is not all that their forces follow, one of both discs' motions
+//! ([`Coupling`]).
 
-use nalgebra::{Matrix3, Matrix6, Vector3};
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
 
 use super::DeadForces;
 use crate::tendon::Posture;
@@ -20,13 +21,13 @@ pub(crate) struct DiscPoint {
     pub position: Vector3<f64>,
 }
 
-/// Points of two discs that press each other apart along the line between them.
+/// Points of two discs that push each other with opposite forces.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
     pub points: [DiscPoint; 2],
-    /// From the second point to the first, of length 1.
-    pub normal: Vector3<f64>,
-    /// What a displacement of the first point from the second diminishes the force on the first by (N/m): along the normal, and
+    /// An axis of length 1: of points that press each other apart, from the second to the first.
+    pub axis: Vector3<f64>,
+    /// What a displacement of the first point from the second diminishes the force on the first by (N/m): along the axis, and
     /// across it.
     pub stiffness: [f64; 2],
 }
@@ -35,9 +36,20 @@ impl Pair {
     /// By what matrix a displacement of the first point from the second diminishes the force on the first (N/m).
     pub fn form(&self) -> Matrix3<f64> {
         let [along, across] = self.stiffness;
-        let normal = self.normal * self.normal.transpose();
-        normal * (along - across) + Matrix3::identity() * across
+        let axis = self.axis * self.axis.transpose();
+        axis * (along - across) + Matrix3::identity() * across
     }
+}
+
+/// A place at which two discs push each other with opposite forces, which follow their turns too, as the place is fixed to neither.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Coupling {
+    pub discs: [usize; 2],
+    /// Where (m).
+    pub position: Vector3<f64>,
+    /// By what the turn (rad) and the displacement there (m) of the first disc, and then of the second, diminish the moment about the place
+    /// (N m) and the force (N) on the first disc, and then on the second; need not be symmetric.
+    pub form: SMatrix<f64, 12, 12>,
 }
 
 /// The contacts of a robot in one configuration, as the potential takes them.
@@ -47,8 +59,10 @@ pub(crate) struct Pressing {
     forces: Vec<(usize, Vector3<f64>, Vector3<f64>)>,
     /// Of each disc the form of its motion, symmetric.
     pub forms: Vec<Matrix6<f64>>,
-    /// Discs that press each other.
+    /// Discs that push each other.
     pub pairs: Vec<Pair>,
+    /// Those whose forces follow their turns too: only dense matrices have them.
+    pub couplings: Vec<Coupling>,
 }
 
 impl Pressing {
@@ -58,6 +72,7 @@ impl Pressing {
             forces: Vec::new(),
             forms: vec![Matrix6::zeros(); discs],
             pairs: Vec::new(),
+            couplings: Vec::new(),
         }
     }
 
@@ -65,15 +80,25 @@ impl Pressing {
         self.forces.clear();
         self.forms.fill(Matrix6::zeros());
         self.pairs.clear();
+        self.couplings.clear();
     }
 
-    /// Adds a force (N) that pushes the points of a pair apart.
-    pub fn push_pair(&mut self, pair: Pair, force: f64) {
-        let pushed = pair.normal * force;
-        for (point, force) in pair.points.iter().zip([pushed, -pushed]) {
+    /// Adds a force (N, world axes) on the first point of a pair, and the opposite one on the second.
+    pub fn push_pair(&mut self, pair: Pair, force: Vector3<f64>) {
+        for (point, force) in pair.points.iter().zip([force, -force]) {
             self.forces.push((point.disc, point.local, force));
         }
         self.pairs.push(pair);
+    }
+
+    /// The same where two discs are coupled.
+    pub fn push_coupling(&mut self, posture: &Posture, coupling: Coupling, force: Vector3<f64>) {
+        let chain = &posture.chain;
+        for (disc, force) in coupling.discs.into_iter().zip([force, -force]) {
+            let local = chain.local(disc, &coupling.position);
+            self.forces.push((disc, local, force));
+        }
+        self.couplings.push(coupling);
     }
 
     /// Adds a force (N, world axes) on a point of a disc, from its origin in its frame (m), that a displacement `u` of the point

@@ -1,7 +1,7 @@
 //! Solving where discs press each other: a chain's factors, and columns for the pairs.
 //!
-//! The force between two points acts along the line between them, so a pair adds three columns of rank one to the Hessian: one
-//! along that line, two across it, each with the joints' turns in the displacement of one point from the other. With the chain's
+//! A pair adds up to three columns of rank one to the Hessian: one along its axis (of points that press each other apart the line between
+//! them), two across it, each with the joints' turns in the displacement of one point from the other. With the chain's
 //! part `A`, the columns `B` and their stiffnesses `D`, `(A + B D B')⁻¹ = A⁻¹ - A⁻¹ B (D⁻¹ + B' A⁻¹ B)⁻¹ B' A⁻¹` (Golub and Van
 //! Loan, Matrix Computations, ch. 2.1.4), in O(n) for each pair. The matrix in the middle also tells how many eigenvalues are
 //! negative (Haynsworth, Determination of the inertia of a partitioned Hermitian matrix, 1968).
@@ -117,13 +117,9 @@ impl PairedLu {
         stiffnesses: &mut Vec<f64>,
     ) {
         let [along, across] = pair.stiffness;
-        let normal = pair.normal;
-        let other = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
-        let directions = [
-            (normal, along),
-            (other, across),
-            (normal.cross(&other), across),
-        ];
+        let axis = pair.axis;
+        let other = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
+        let directions = [(axis, along), (other, across), (axis.cross(&other), across)];
         let [first, second] = &pair.points;
         for (direction, stiffness) in directions {
             if stiffness.abs() <= least {

@@ -43,7 +43,7 @@ pub enum SelfContact {
     Touching {
         /// How far their surfaces give way for each newton (m/N).
         compliance: f64,
-        /// Coefficient of friction, in motion.
+        /// Coefficient of friction, along paths and in motion.
         friction: f64,
     },
 }

@@ -69,6 +69,17 @@ pub enum SensitivityError {
         /// The obstacle, by its number in the scene.
         obstacle: usize,
     },
+    /// Discs that touch have friction: they roll on each other, and forces that follow that have no potential.
+    #[error(
+        "the contact of disc {disc} with disc {other} has friction, of which there are no derivatives; expected contacts between discs \
+         without it to differentiate"
+    )]
+    Rubbing {
+        /// The disc, from 0.
+        disc: usize,
+        /// The disc that it touches, from 0.
+        other: usize,
+    },
     /// The robot has no such parameter.
     #[error(transparent)]
     Parameter(#[from] ParameterError),

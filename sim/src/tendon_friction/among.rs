@@ -1,13 +1,13 @@
 //! Paths with friction of tendons among obstacles.
 
 use super::{FrictionPath, FrictionState};
-use crate::contact::{Contact, ContactError, Touching, check_own_friction};
+use crate::contact::{Contact, ContactError, Touching};
 use crate::energy::following::follows;
 use crate::robot::{Command, Loads, Robot};
 use crate::scene::Scene;
 
-/// Follows a robot along a sequence of commands among the obstacles of a scene, with friction in its tendons' holes and of the
-/// obstacles: a [`FrictionPath`] that touches what is around it.
+/// Follows a robot along a sequence of commands among the obstacles of a scene, with friction in its tendons' holes, of the
+/// obstacles and between its discs: a [`FrictionPath`] that touches what is around it, and itself.
 ///
 /// Contacts are those of [`ContactSettler`](crate::contact::ContactSettler), their friction that of its
 /// [`follow`](crate::contact::ContactSettler::follow). As long as the robot touches nothing steps are those of the path without a scene; in one without
@@ -64,7 +64,7 @@ impl ContactPath {
     /// Starts a path from the equilibrium without any friction, found from the straight pose. Look at whether it converged.
     ///
     /// # Errors
-    /// [`ContactError`] for a straight robot inside an obstacle, for loads without a potential, and for friction between discs.
+    /// [`ContactError`] for a straight robot inside an obstacle, and for loads without a potential.
     ///
     /// # Panics
     /// As [`ContactSettler::settle`](crate::contact::ContactSettler::settle).
@@ -76,7 +76,7 @@ impl ContactPath {
         let Some(touching) = &mut self.path.touching else {
             return Ok(self.path.start(command, loads));
         };
-        check(loads, &self.scene)?;
+        check(loads)?;
         let found = touching.settle(command, loads)?;
         self.path.state.equilibrium.clone_from(&found.equilibrium);
         self.path.arrive(command, loads);
@@ -100,7 +100,7 @@ impl ContactPath {
         if self.path.touching.is_none() {
             return Ok(self.path.advance(command, loads));
         }
-        check(loads, &self.scene)?;
+        check(loads)?;
         match self.path.reached.take() {
             None => self.start(command, loads),
             Some(from) => Ok(self.path.follow(from, command, loads)),
@@ -139,8 +139,7 @@ impl ContactPath {
 }
 
 /// Refuses loads without a potential.
-fn check(loads: &Loads, scene: &Scene) -> Result<(), ContactError> {
-    check_own_friction(scene)?;
+fn check(loads: &Loads) -> Result<(), ContactError> {
     match loads.wrenches().iter().find(|wrench| follows(wrench)) {
         Some(wrench) => Err(ContactError::Loads { disc: wrench.disc }),
         None => Ok(()),

@@ -461,7 +461,7 @@ def test_a_robot_that_curls_up_touches_itself() -> None:
         alone.with_self_contact(-1.0)
 
 
-def test_discs_rub_in_motion_and_not_along_paths() -> None:
+def test_discs_rub_in_motion_and_along_paths() -> None:
     robot, command = tdcr.Robot("5m"), np.tile([0.04, 0.0, 0.0], 5)
     smooth, rough = tdcr.Scene(), tdcr.Scene().with_self_contact(1e-6, 0.4)
     assert smooth.self_friction == 0.0 and rough.self_friction == 0.4 and rough.self_contact == 1e-6
@@ -477,8 +477,14 @@ def test_discs_rub_in_motion_and_not_along_paths() -> None:
         assert (across <= 0.4 * normal + 1e-5 * normal.max(initial=0.0)).all()
         words |= set(contacts.sliding)
     assert "slips" in words
-    with pytest.raises(ContactError, match=r"self_contact.friction` is 0.4"):
-        tdcr.follow(robot, [command, command], scene=rough)
+    curling = [np.tile([0.02 + by, 0.02 - by, 0.02 - by], 5) for by in np.linspace(0.0, 0.018, 60)]
+    path = tdcr.follow(robot, curling, scene=rough)
+    assert path.converged.all() and path.contacts is not None
+    assert {"sticks", "slips"} <= set(path.contacts.sliding)
+    assert (path.contacts.other_disc >= 0).all()
+    led = tdcr.FrictionPath(robot, scene=rough).follow(curling[-20:])
+    last = led[-1].equilibrium
+    assert last.converged and last.contacts is not None and set(last.contacts.sliding) <= {"sticks", "slips"}
     with pytest.raises(SceneError, match=r"self_contact.friction` is -1"):
         smooth.with_self_contact(1e-6, -1.0)
 

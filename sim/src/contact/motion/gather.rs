@@ -48,7 +48,7 @@ impl ContactStepper {
         let centres = &self.centres;
         let touches = own.pairs.near.iter().map(|near| {
             // Without friction the forces are along the line of the centres, and might act at any of its points.
-            let rubbed = near.centres[0] - near.normal * (near.beads[0].radius + 0.5 * near.gap);
+            let rubbed = near.meeting();
             let ends = [0, 1].map(|end| {
                 let disc = near.beads[end].disc;
                 let point = match own.friction > 0.0 {

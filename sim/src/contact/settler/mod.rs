@@ -8,7 +8,6 @@ use super::equations::Equations;
 use super::law::Hardness;
 use super::near_pairs::PairNeighbourhood;
 use super::report::report;
-use super::rubbing::check_own_friction;
 use super::{Contact, ContactEquilibrium, ContactError, ContactSensitivity, Sliding};
 use crate::chain::Configuration;
 use crate::energy::following::follows;
@@ -192,31 +191,28 @@ impl ContactSettler {
     /// Settles the robot from its last equilibrium: the way to follow one equilibrium along a path of commands. Before anything has
     /// settled, the same as [`settle`](Self::settle).
     ///
-    /// Contacts with obstacles of some friction resist sliding from where they were at the last equilibrium, those that are new from
-    /// where they first touch: the path is one of small steps. Where a robot settles otherwise its contacts bear no friction, nor
+    /// Contacts with obstacles of some friction, and those between discs where the scene has that, resist sliding from where they were at
+    /// the last equilibrium, those that are new from where they first touch: the path is one of small steps. Where a robot settles otherwise its contacts bear no friction, nor
     /// do those of a scene with [smoothing](Scene::with_smoothing), as its surfaces push each other before they touch.
     ///
     /// # Errors
-    /// As [`settle`](Self::settle) where nothing has settled, else as [`settle_from`](Self::settle_from);
-    /// [`ContactError::SelfFriction`] for friction between discs.
+    /// As [`settle`](Self::settle) where nothing has settled, else as [`settle_from`](Self::settle_from).
     pub fn follow(
         &mut self,
         command: &Command,
         loads: &Loads,
     ) -> Result<&ContactEquilibrium, ContactError> {
-        if self.scene().smoothing() == 0.0 {
-            check_own_friction(self.scene())?;
-        }
         if !self.result.equilibrium.converged {
             return self.settle(command, loads);
         }
-        if self.is_free() {
+        if self.is_free() && !self.is_held() {
             self.free.follow(command, loads);
             if self.take_free(command, loads) {
                 return Ok(&self.result);
             }
             let before = self.result.equilibrium.configuration.clone();
             self.equations.iterate.set(&before);
+            self.equations.find();
         }
         if self.scene().smoothing() > 0.0 {
             return self.solve(command, loads, Start::Near);
@@ -229,12 +225,17 @@ impl ContactSettler {
     /// Prepares to differentiate the last equilibrium, of `command` and `loads`.
     ///
     /// # Errors
-    /// [`SensitivityError`] if the robot has not settled, or not stably; [`SensitivityError::Slipping`] for a contact that slips.
+    /// [`SensitivityError`] if the robot has not settled, or not stably; [`SensitivityError::Slipping`] for a contact that slips,
+    /// [`SensitivityError::Rubbing`] for one between discs that has friction.
     pub fn sensitivity(
         &self,
         command: &Command,
         loads: &Loads,
     ) -> Result<ContactSensitivity, SensitivityError> {
+        let mut rubbing = self.equations.bristles.iter();
+        if let Some([disc, other]) = rubbing.find_map(|bristle| bristle.surfaces().discs()) {
+            return Err(SensitivityError::Rubbing { disc, other });
+        }
         let slips = |contact: &&Contact| contact.sliding == Sliding::Slips;
         if let Some(contact) = self.result.contacts.iter().find(slips) {
             return Err(SensitivityError::Slipping {
@@ -261,6 +262,11 @@ impl ContactSettler {
 
     fn is_free(&self) -> bool {
         self.equations.scene.obstacles().is_empty()
+    }
+
+    /// Whether friction between discs may hold the robot where it rests.
+    fn is_held(&self) -> bool {
+        self.equations.rubs_itself() && !self.result.contacts.is_empty()
     }
 
     /// Takes over where the robot settled without obstacles, if it does not touch itself there: then that is where it settles.

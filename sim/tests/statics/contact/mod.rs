@@ -6,6 +6,7 @@ mod friction;
 mod hostile;
 mod itself;
 mod large;
+mod own_friction;
 mod paths;
 mod planar;
 mod random;
