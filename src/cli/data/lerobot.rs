@@ -243,7 +243,8 @@ fn text(path: &Path) -> anyhow::Result<&str> {
 
 /// Runs the request in Python, in place of this process.
 fn become_python(request: &Request) -> anyhow::Result<()> {
-    let python = std::env::var_os(PYTHON).unwrap_or_else(|| OsString::from("python3"));
+    let named = std::env::var_os(PYTHON).filter(|name| !name.is_empty());
+    let python = named.unwrap_or_else(|| OsString::from("python3"));
     // A file without a name: a pipe might not hold it all.
     let mut input = tempfile::tempfile().context("cannot make a temporary file")?;
     serde_json::to_writer(io::BufWriter::new(&input), request)?;
