@@ -131,6 +131,17 @@ def test_a_motion_pairs_each_state_with_the_next_command(tmp_path: Path, writer:
     assert names[5:7] == ["tendon5.length", "tip.x"] and "observation.images.camera0" not in made.features
 
 
+def test_commands_are_simulated_a_row_a_frame(tmp_path: Path, writer: list[Writer]) -> None:
+    commands = ROBOT.random_commands(4, seed=2)
+    lerobot.export_commands(ROBOT, [commands, commands[:3]], tmp_path / "data", fps=30, cameras=[])
+    (made,) = writer
+    assert json.loads((tmp_path / "data/info.json").read_text())["fps"] == 30 and len(made.episodes[1]) == 2
+    # Steps of 2 ms do not fit into a frame: 17 shorter ones do.
+    motion = tdcr.simulate(ROBOT, commands, dt=1.0 / 510.0, frame_skip=17)
+    for k, frame in enumerate(made.episodes[0]):
+        np.testing.assert_allclose(frame["observation.state"], [*motion.lengths[k], *motion.tip[k]], rtol=1e-6)
+
+
 def test_what_is_no_data_set_leaves_nothing(tmp_path: Path, writer: list[Writer], monkeypatch: pytest.MonkeyPatch) -> None:
     commands = ROBOT.random_commands(3)
     motion = tdcr.simulate(ROBOT, commands, frame_skip=50)
