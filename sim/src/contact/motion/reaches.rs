@@ -126,6 +126,8 @@ impl Reaches {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
     use crate::contact::ContactStepper;
     use crate::dynamics::{Integrator, State, Stepper};
     use crate::robot::{Loads, Robot};
