@@ -7,8 +7,8 @@ use super::equations::Equations;
 use super::friction::Bristle;
 use super::surfaces::Surfaces;
 
-/// Discs rub where they bear more than the barrier alone presses them with before they touch: the square of their force is at least this
-/// share of what it is where their undeformed surfaces meet.
+/// Contacts between discs have friction where they bear more than the barrier alone presses them with before they touch: the square of their
+/// force is at least this share of what it is where their undeformed surfaces meet.
 const RUBBING: f64 = 1e-8;
 
 /// What a path carries on from an equilibrium: what resists sliding from there, and what bears and slips.

@@ -74,7 +74,7 @@ pub enum SensitivityError {
         "the contact of disc {disc} with disc {other} has friction, of which there are no derivatives; expected contacts between discs \
          without it to differentiate"
     )]
-    Rubbing {
+    SelfFriction {
         /// The disc, from 0.
         disc: usize,
         /// The disc that it touches, from 0.

@@ -226,7 +226,7 @@ impl ContactSettler {
     ///
     /// # Errors
     /// [`SensitivityError`] if the robot has not settled, or not stably; [`SensitivityError::Slipping`] for a contact that slips,
-    /// [`SensitivityError::Rubbing`] for one between discs that has friction.
+    /// [`SensitivityError::SelfFriction`] for one between discs that has friction.
     pub fn sensitivity(
         &self,
         command: &Command,
@@ -234,7 +234,7 @@ impl ContactSettler {
     ) -> Result<ContactSensitivity, SensitivityError> {
         let mut rubbing = self.equations.bristles.iter();
         if let Some([disc, other]) = rubbing.find_map(|bristle| bristle.surfaces().discs()) {
-            return Err(SensitivityError::Rubbing { disc, other });
+            return Err(SensitivityError::SelfFriction { disc, other });
         }
         let slips = |contact: &&Contact| contact.sliding == Sliding::Slips;
         if let Some(contact) = self.result.contacts.iter().find(slips) {

@@ -119,7 +119,7 @@ fn a_disc_sticks_to_another_below_the_angle_of_friction_and_slips_above() {
     }
     let loads = push(1.05 * FRICTION * normal);
     let error = settler.sensitivity(&command, &loads).unwrap_err();
-    assert_eq!(error, SensitivityError::Rubbing { disc: 0, other: 2 });
+    assert_eq!(error, SensitivityError::SelfFriction { disc: 0, other: 2 });
     // Pushed straight again it stays where it slipped to: friction now bears the spring.
     let found = settler.follow(&command, &push(0.0)).unwrap();
     let contact = only(found);
