@@ -21,12 +21,12 @@ build:
 # The inner loop: minutes in a built checkout.
 check: format lint test-fast
 
-# Everything that must hold at every commit. The Python environment is fetched while the first checks compile: neither needs
-# the other.
+# Everything that must hold at every commit. The Python environment is fetched while the first checks compile, and its style and
+# types are checked, by one processor, while Rust's tests are: neither needs the other.
 test:
 	@$(MAKE) setup & setup=$$!; checked=0; $(MAKE) format lint docs || checked=$$?; wait $$setup && exit $$checked
-	$(MAKE) -j2 supply-chain lint-python lint-page
-	$(MAKE) test-rust test-mujoco test-python
+	@$(MAKE) supply-chain lint-python lint-page & style=$$!; tested=0; $(MAKE) test-rust || tested=$$?; wait $$style && exit $$tested
+	$(MAKE) test-mujoco test-python
 
 setup:
 	@scripts/setup.sh

@@ -76,7 +76,7 @@ fn a_robot_that_leans_on_an_obstacle_comes_to_rest_where_it_settles() {
     let (mut touching, mut farthest, mut force_error) = (0, 0.0_f64, 0.0_f64);
     for name in ["2m", "3m", "5m"] {
         let robot = Robot::load(name).unwrap();
-        for number in 0..10 {
+        for number in 0..5 {
             let scene = scene(&mut rng, &robot);
             let command = robot.random_command(&mut rng);
             let mut settler = ContactSettler::new(&robot, &scene);

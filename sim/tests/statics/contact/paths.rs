@@ -23,7 +23,7 @@ fn coarse_paths_settle_in_few_steps() {
         let robot = Robot::load(name).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(36);
         let (mut steps, mut same) = (Vec::new(), 0);
-        while steps.len() < 300 {
+        while steps.len() < 150 {
             let scene = scene(&mut rng, &robot);
             let (mut follower, mut settler) = (
                 ContactSettler::new(&robot, &scene),
@@ -69,7 +69,7 @@ fn paths_with_friction_settle_within_their_cones() {
         let robot = Robot::load(name).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let (mut steps, mut stuck, mut slipped, mut unsettled) = (Vec::new(), 0, 0, 0);
-        while steps.len() < 200 {
+        while steps.len() < 100 {
             let scene = rough(&scene(&mut rng, &robot));
             let mut follower = ContactSettler::new(&robot, &scene);
             let start = robot.mean_command();
@@ -113,7 +113,7 @@ fn paths_with_friction_settle_within_their_cones() {
             median <= 40 && unsettled * 20 <= steps.len(),
             "{name}: {median} {unsettled}"
         );
-        assert!(stuck > 20 && slipped > 50, "{name}: {stuck} {slipped}");
+        assert!(stuck > 10 && slipped > 25, "{name}: {stuck} {slipped}");
     }
 }
 
