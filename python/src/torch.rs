@@ -195,14 +195,15 @@ pub fn start_noise(
     Ok(array(py, rows, [points, channels.count()])?)
 }
 
-/// Indices of the `count` of a cloud's drawn points (N, 3) (m) that make the cloud; `corrected`: whether they were.
+/// Indices of the `count` of a cloud's drawn points (N, 3) that make the cloud, and where these are in it (count, 3);
+/// `corrected`: whether they were.
 #[pyfunction]
 pub fn select_points<'py>(
     py: Python<'py>,
     points: PyReadonlyArray2<'py, f32>,
     count: usize,
     corrected: bool,
-) -> Outcome<Bound<'py, PyArray1<usize>>> {
+) -> Outcome<(Bound<'py, PyArray1<usize>>, Bound<'py, PyArray2<f32>>)> {
     let isolated = if corrected {
         ISOLATED_CORRECTED
     } else {
@@ -210,10 +211,11 @@ pub fn select_points<'py>(
     };
     let rows = numpy::PyUntypedArrayMethods::shape(&*points)[0];
     let (points, _) = contiguous(&points, "points", &[rows, 3])?.as_chunks::<3>();
-    Ok(PyArray1::from_vec(
-        py,
-        py.detach(|| select(points, count, isolated)),
-    ))
+    let mut points = points.to_vec();
+    let kept = py.detach(|| select(&mut points, count, isolated));
+    let cloud: Vec<_> = kept.iter().flat_map(|&k| points[k]).collect();
+    let cloud = array(py, cloud, [kept.len(), 3])?;
+    Ok((PyArray1::from_vec(py, kept), cloud))
 }
 
 /// Velocities (B, N, C) of the network in the model file `model`, in float32, of points (B, N, C) at flow times (B,) under

@@ -209,8 +209,8 @@ pub(super) fn comparison_notes(metrics: &Metrics) -> Vec<String> {
             metrics.points, metrics.emd_points
         ),
         "A perfect predictor draws points of the seen surface independently of each other; evenly spread, it draws half as \
-         many again and leaves out isolated and crowded ones, as the cloud of a refined network does; the floor's view has its pixels and \
-         voxels in a random phase."
+         many again, leaves out isolated and crowded ones and evens the others out, as for the cloud of a refined network; the floor's view \
+         has its pixels and voxels in a random phase."
             .to_owned(),
         format!(
             "The matchings are optimal: their duality gaps are at most {:.1e} m, and {:.1e} m² where squared.",

@@ -98,8 +98,8 @@ impl Measure<'_> {
         };
         let select = |count: usize| {
             let drawn = &again.independent.points;
-            let drawn = &drawn[..with_spare(count).min(drawn.len())];
-            let kept = select(drawn, count, ISOLATED_CORRECTED);
+            let mut drawn = drawn[..with_spare(count).min(drawn.len())].to_vec();
+            let kept = select(&mut drawn, count, ISOLATED_CORRECTED);
             kept.into_iter().map(|k| drawn[k]).collect::<Vec<_>>()
         };
         let clouds = [points, few].map(select);

@@ -20,7 +20,8 @@ pub struct Metrics {
     pub cd_floor: Option<f64>,
     /// Of a perfect predictor, whose points are independent of each other.
     pub cd_perfect: Option<f64>,
-    /// Of the same where half as many points again are drawn and isolated and crowded ones left out, as of a network's.
+    /// Of the same where half as many points again are drawn, isolated and crowded ones left out, and the others evened out, as a
+    /// network's are.
     pub cd_perfect_selected: Option<f64>,
     /// Of the clouds of the nearest training commands.
     pub cd_nearest: f64,

@@ -18,6 +18,7 @@ mod nearest;
 mod priced_tree;
 mod rank;
 mod register;
+mod relaxation;
 mod spread;
 mod thinning;
 
@@ -32,6 +33,7 @@ pub(crate) use nearest::nearest_points;
 pub use nearest::{nearest_distances, nearest_indices};
 pub use rank::rank_correlation;
 pub use register::{lay_onto, rigid_motion};
+pub use relaxation::relaxed;
 pub use spread::{isolation, surface_spread};
 pub use thinning::evenly_spread;
 

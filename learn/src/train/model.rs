@@ -81,7 +81,7 @@ impl Model {
     /// its last value is the payload (kg).
     ///
     /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts
-    /// from is a function of `seed`. Where the sampler draws spare points, [`select`](crate::predict::select) says which are left out. A
+    /// from is a function of `seed`. Where the sampler draws spare points, [`select`](crate::predict::select) says which are left out, and evens the others out. A
     /// refined model, whose sampler denoises at the time of the refinement, corrects the points by one more evaluation. Commands
     /// outside the training range are extrapolated, without any guarantee.
     ///

@@ -20,7 +20,7 @@ const HALFWAY: f32 = 1.25e-3;
 
 /// The points that were drawn for a cloud.
 pub(super) struct Drawn {
-    /// Their positions (normalised units).
+    /// Their positions (normalised units): of those that make the cloud, in it.
     pub positions: Vec<[f32; DIM]>,
     /// Indices, in order, of those that make the cloud.
     pub kept: Vec<usize>,
@@ -53,13 +53,13 @@ impl Refined<'_> {
             correct(self, t, condition, rows);
             evaluations += 1;
         }
-        let positions = positions(rows, self.channels());
+        let mut positions = positions(rows, self.channels());
         let isolated = match corrected {
             Some(_) => ISOLATED_CORRECTED,
             None => ISOLATED,
         };
         Drawn {
-            kept: select(&positions, count, isolated),
+            kept: select(&mut positions, count, isolated),
             positions,
             evaluations,
         }

@@ -172,7 +172,7 @@ class Model:
         """A cloud of `points` points for each command (B, D) in physical units, on the device of the network.
 
         Noise is that of `tdcr predict --seed`: a cloud of one of `tdcr`'s networks is that of `tdcr predict` but for
-        rounding, which may decide which of two points that crowd each other alike is left out. A seed for each command gives
+        rounding, which may decide which of two points that crowd each other alike is left out, and so move those about it. A seed for each command gives
         each its own noise. The sampler is by default the one that the model was validated with.
 
         Raises:
@@ -199,7 +199,10 @@ class Model:
             rows = ends.float().cpu().numpy()
             if not np.isfinite(rows).all():
                 raise TrainError("the network's cloud is not finite")
-            clouds.append(rows[_tdcr.select_points(rows[:, :3].copy(), points, last is not None)])
+            kept, places = _tdcr.select_points(rows[:, :3].copy(), points, last is not None)
+            rows = rows[kept]
+            rows[:, :3] = places
+            clouds.append(rows)
         rows_of_all = np.stack(clouds)
         metres = rows_of_all[..., :3].astype(np.float64) * self.provenance["normalisation"]["scale"]
         for cloud, symmetry in zip(metres, moved, strict=True):

@@ -75,7 +75,7 @@ pub struct Sampler {
     #[serde(default)]
     pub denoise: Option<f32>,
     /// Points that a prediction draws beyond those asked for, as a share of these; isolated and crowded points are left out of the
-    /// cloud ([`select`](crate::predict::select)). 0 in older files.
+    /// cloud, and the others evened out ([`select`](crate::predict::select)). 0 in older files.
     #[serde(default)]
     pub spare: f32,
     /// Whether colours are clamped between steps. Older files: they are not.
