@@ -19,6 +19,9 @@ use crate::options::options_of;
 use crate::run;
 use crate::stream::read_reduction;
 
+/// Indices, and the points that they are of (N, 3).
+type Selected<'py> = (Bound<'py, PyArray1<usize>>, Bound<'py, PyArray2<f32>>);
+
 /// Conditions (B, D), points (B, N, 3) and, where they are wanted, colours (B, N, 3), and the provenance as JSON.
 type CloudArrays<'py> = (
     Bound<'py, PyArray2<f32>>,
@@ -203,7 +206,7 @@ pub fn select_points<'py>(
     points: PyReadonlyArray2<'py, f32>,
     count: usize,
     corrected: bool,
-) -> Outcome<(Bound<'py, PyArray1<usize>>, Bound<'py, PyArray2<f32>>)> {
+) -> Outcome<Selected<'py>> {
     let isolated = if corrected {
         ISOLATED_CORRECTED
     } else {
