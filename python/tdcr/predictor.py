@@ -135,7 +135,8 @@ class Predictor:
             sampler_tolerance: Adaptive steps with this local error tolerance, relative to the data's extent.
             sampler_denoise: Flow time, below 1, of a last evaluation that takes the points to the data predicted there; 1: none.
                 Of a refined model at another time than its own, the network itself makes it.
-            sampler_spare: Points to draw beyond ``points``, as a share of these; isolated and crowded ones are left out.
+            sampler_spare: Points to draw beyond ``points``, as a share of these; isolated and crowded ones are left
+                out, and the others moved apart along the surface.
             progress: Is called with the number of clouds predicted since its last call, as ``tqdm(total=B).update``.
 
         Returns:

@@ -28,8 +28,8 @@ pub struct SamplerPlan {
     /// A refined model makes it by a network of its own at its own time, and again to correct points, at others by the flow's network [default: the model's own]
     #[arg(long, value_name = "T")]
     pub sampler_denoise: Option<f32>,
-    /// Points to draw beyond those asked for, as a share of these; isolated and crowded ones are left out [default: the model's
-    /// own]
+    /// Points to draw beyond those asked for, as a share of these; isolated and crowded ones are left out, and the others moved
+    /// apart along the surface [default: the model's own]
     #[arg(long, value_name = "SHARE")]
     pub sampler_spare: Option<f32>,
 }

@@ -94,8 +94,8 @@ class Sampler:
     `method` is heun (the paper's), euler, adams-bashforth, exponential or exponential3; the times of its `steps` steps are
     t_k = 1 - (1 - k / steps)^power. A last evaluation at the time `denoise` takes the points X to the data predicted there,
     X + (1 - t) u; none without. `spare` is a share of points to draw beyond those asked for: isolated and
-    crowded ones are left out of a cloud. `colors` says what becomes of colours between steps: free, or clamped to [0, 1]
-    after each (the paper's authors).
+    crowded ones are left out of a cloud, and the others moved apart along the surface. `colors` says what becomes of
+    colours between steps: free, or clamped to [0, 1] after each (the paper's authors).
     """
 
     method: str = "exponential"
