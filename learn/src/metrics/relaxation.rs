@@ -34,10 +34,10 @@ struct Neighbourhood {
 /// directions `u_j` from them, projected on the plane that fits the 16 best, and by no more than `r / 4`. Here
 /// `r = 2.5 sqrt(A / (2 sqrt(3)))` with the area `A` that each of the 16 has, and `P = (l2 - l3) / l1` is the planarity of the
 /// 16 (Demantké et al., ISPRS Archives XXXVIII-5/W12, 2011), from the eigenvalues `l1 >= l2 >= l3` of their covariance matrix: points on a
-/// wire or within a body, which have no plane to move on, stay. Nearest points and planes are those of `points`.
+/// wire or within a body, which have no plane to move on, hardly move. Nearest points and planes are those of `points`.
 ///
-/// Points of a plane miss a place by less than those that sample elimination leaves
-/// ([`evenly_spread`](super::evenly_spread)), and what is twice as dense nearly stays so.
+/// After sample elimination ([`evenly_spread`](super::evenly_spread)) it takes a quarter off the mean squared distance of a plane's
+/// places from the nearest point; what is twice as dense nearly stays so.
 ///
 /// # Errors
 /// Fewer than 16 points, or a coordinate that is not finite.
@@ -150,7 +150,7 @@ mod tests {
         let points = spread(4500, 3000, 1, plane);
         let moved = relaxed(&points).unwrap();
         let share = missed(&moved) / missed(&points);
-        assert!(share < 0.87, "{share}");
+        assert!(share < 0.8, "{share}");
         let off = moved.iter().map(|[u, _, w]| (w - 0.5 * u).abs());
         assert!(off.fold(0.0, f32::max) < 1e-6);
     }
