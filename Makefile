@@ -9,8 +9,8 @@ WORKSPACE := --workspace --exclude tdcr-mujoco
 # features that tests need too, so tests, documentation and the binary share one build of the dependencies.
 WITH_EXAMPLES := $(WORKSPACE) --examples
 
-.PHONY: demo build check test setup format lint docs supply-chain lint-python lint-page wheel release try-release gather-release \
-	publish-crates notebooks site fuzz test-fast test-rust test-mujoco test-python bench clean
+.PHONY: demo build check test setup format lint docs supply-chain lint-python style-python types-python lint-page wheel release \
+	try-release gather-release publish-crates notebooks site fuzz test-fast test-rust test-mujoco test-python bench clean
 
 demo: build
 	$(TDCR) demo --out demo_out
@@ -21,11 +21,13 @@ build:
 # The inner loop: minutes in a built checkout.
 check: format lint test-fast
 
-# Everything that must hold at every commit. The Python environment is fetched while the first checks compile, and its style and
-# types are checked, by one processor, while Rust's tests are: neither needs the other.
+# Everything that must hold at every commit. The Python environment is fetched while the first checks compile, and its types are
+# checked, by one processor, while Rust's tests are built: neither needs the other.
 test:
 	@$(MAKE) setup & setup=$$!; checked=0; $(MAKE) format lint docs || checked=$$?; wait $$setup && exit $$checked
-	@$(MAKE) supply-chain lint-python lint-page & style=$$!; tested=0; $(MAKE) test-rust || tested=$$?; wait $$style && exit $$tested
+	$(MAKE) -j2 supply-chain lint-page style-python
+	@$(MAKE) types-python >target/types.log 2>&1 & types=$$!; tested=0; $(MAKE) test-rust || tested=$$?; \
+		wait $$types || tested=$$?; cat target/types.log; exit $$tested
 	$(MAKE) test-mujoco test-python
 
 setup:
@@ -52,9 +54,13 @@ WITHOUT_PYTORCH_TYPES := --ignore-missing-imports --allow-subclassing-any --allo
 	--no-warn-unused-ignores --no-warn-return-any
 
 # Style and types of the Python package, its tests and examples.
-lint-python:
+lint-python: style-python types-python
+
+style-python:
 	$(PYTHON) -m ruff format --check
 	$(PYTHON) -m ruff check
+
+types-python:
 	$(PYTHON) -m mypy $$($(PYTHON) -c 'import torch' 2>/dev/null || echo "$(WITHOUT_PYTORCH_TYPES)")
 
 # Types of the scripts of `tdcr view`'s page.

@@ -172,8 +172,8 @@ class Model:
         """A cloud of `points` points for each command (B, D) in physical units, on the device of the network.
 
         Noise is that of `tdcr predict --seed`: a cloud of one of `tdcr`'s networks is that of `tdcr predict` but for
-        rounding, which may decide which of two points that crowd each other alike is left out, and so move those about it. A seed for each command gives
-        each its own noise. The sampler is by default the one that the model was validated with.
+        rounding, which may decide which of two points that crowd each other alike is left out, and so move those about it.
+        A seed for each command gives each its own noise. The sampler is by default the one that the model was validated with.
 
         Raises:
             tdcr.errors.InputError: for commands of another length.
