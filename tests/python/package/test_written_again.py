@@ -156,6 +156,26 @@ def isolation(points: Array) -> Array:
     return mean
 
 
+def relaxed(points: Array) -> Array:
+    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
+    nearest = np.argsort(distances, axis=1)[:, :16]
+    last = np.sort(distances, axis=1)[:, 15]
+    r = 2.5 * np.sqrt(np.pi * last**2 / 15 / (2 * np.sqrt(3)))
+    about = points[nearest] - points[nearest].mean(1, keepdims=True)
+    values, vectors = np.linalg.eigh(about.transpose(0, 2, 1) @ about)
+    planarity = (values[:, 1] - values[:, 0]) / values[:, 2]
+    normal = vectors[:, :, 0]
+    x: Array = points.astype(np.float64)
+    for _ in range(5):
+        apart = x[:, None] - x[nearest[:, 1:]]
+        d = np.linalg.norm(apart, axis=2)
+        sums = (np.maximum(1 - d / r[:, None], 0)[..., None] * apart / np.maximum(d, 1e-300)[..., None]).sum(1)
+        move = (planarity * r / 2)[:, None] * (sums - normal * (sums * normal).sum(1, keepdims=True))
+        length = np.linalg.norm(move, axis=1)
+        x = x + move * np.minimum(1, r / 4 / np.maximum(length, 1e-300))[:, None]
+    return x
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("denoise", [None, 0.98])
 def test_a_cloud_is_that_of_a_program_that_knows_the_documents_alone(
@@ -169,7 +189,9 @@ def test_a_cloud_is_that_of_a_program_that_knows_the_documents_alone(
 
 
 @pytest.mark.parametrize(("denoise", "count", "spare"), [(0.98, 400, 0.01), (None, 999, 0.001)])
-def test_the_points_that_are_the_most_alone_go_first(model: Path, denoise: float | None, count: int, spare: float) -> None:
+def test_the_points_that_are_the_most_alone_go_first_and_the_others_move_apart(
+    model: Path, denoise: float | None, count: int, spare: float
+) -> None:
     # Of 404 points 1 % are five, and four are spare: those alone, and no crowded one. Of 1,000 corrected ones it is the one.
     options = {"sampler_spare": spare, "sampler_denoise": denoise}
     theirs = tdcr.Predictor(model, "float32").predict(COMMANDS[0], count, seed=4, **options)[0]
@@ -177,4 +199,5 @@ def test_the_points_that_are_the_most_alone_go_first(model: Path, denoise: float
     drawn = count + int(np.ceil(np.float32(spare) * count))
     points = again.predict(COMMANDS[0], drawn, 4, denoise or again.settings["sampler"]["denoise"])
     kept = np.sort(np.argsort(isolation(points))[:count])
-    np.testing.assert_allclose(theirs, points[kept], atol=5e-6)
+    # Rounding of points near each other turns the directions in which they move apart.
+    np.testing.assert_allclose(theirs, relaxed(points[kept]), atol=2e-5)
