@@ -192,10 +192,14 @@ def test_a_refined_model_that_knows_its_reach_predicts_as_tdcr_predict(tdcr, tmp
     read = Model.load(path)
     assert (read.reach, read.uncertainty_factor) == (model.reach, 2.5)
     ours = read.predict([COMMAND], points=300, seed=5, sampler=Sampler(denoise=denoise))
+    # Moving points apart turns rounding into directions.
     np.testing.assert_allclose(ours.points[0], clouds[2.5]["points"], atol=5e-6)
     # Ends of the flow are inside the box, which the network without it leaves; refined at its own time alone.
     ends = Sampler(denoise=denoise, spare=0.0)
     ours = read.predict([COMMAND], points=300, seed=5, sampler=ends)
+    out = tmp_path / "ends.npz"
+    tdcr("predict", "--model", path, *command, "--sampler-denoise", denoise, "--sampler-spare", 0, "--out", out)
+    np.testing.assert_allclose(ours.points[0], np.load(out)["points"], atol=2e-6)
     corners = np.array([model.reach["min"], model.reach["max"]]) * 0.35
     assert (ours.points[0] >= corners[0] - 1e-6).all() and (ours.points[0] <= corners[1] + 1e-6).all()
     read.reach = None

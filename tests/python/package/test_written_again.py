@@ -199,5 +199,4 @@ def test_the_points_that_are_the_most_alone_go_first_and_the_others_move_apart(
     drawn = count + int(np.ceil(np.float32(spare) * count))
     points = again.predict(COMMANDS[0], drawn, 4, denoise or again.settings["sampler"]["denoise"])
     kept = np.sort(np.argsort(isolation(points))[:count])
-    # Rounding of points near each other turns the directions in which they move apart.
-    np.testing.assert_allclose(theirs, relaxed(points[kept]), atol=2e-5)
+    np.testing.assert_allclose(theirs, relaxed(points[kept]), atol=5e-6)
