@@ -3,9 +3,12 @@
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
-use crate::scene::{LARGEST_LENGTH, LARGEST_SPEED, Obstacle};
+use crate::scene::Obstacle;
+#[cfg(feature = "rapier")]
+use crate::scene::{LARGEST_LENGTH, LARGEST_SPEED};
 
 /// How far the length of a rotation's quaternion may be from 1.
+#[cfg(feature = "rapier")]
 const UNIT: f64 = 1e-6;
 
 /// Where an object is and how it moves.
@@ -51,6 +54,7 @@ impl ObjectState {
     }
 
     /// Refuses what no `object` of a scene can start in.
+    #[cfg(feature = "rapier")]
     pub(super) fn check(&self, object: &str) -> Result<(), ObjectError> {
         let within = |v: &Vector3<f64>, largest| v.iter().all(|x| x.abs() <= largest);
         let refuse = |what, found: &[f64], expected| {

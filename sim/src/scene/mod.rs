@@ -32,6 +32,7 @@ mod shape_spec;
 mod spec;
 mod whole;
 
+#[cfg(feature = "rapier")]
 pub(crate) use checks::{LARGEST_LENGTH, LARGEST_SPEED};
 pub use compile::ObstacleShape;
 pub use contact_law::{ContactLaw, Impedance};
