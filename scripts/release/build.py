@@ -192,8 +192,8 @@ def crates(dist, target, number, verify, allow_dirty):
     if allow_dirty:
         options.append("--allow-dirty")
     if verify:
-        # Whether they compile is checked, not how fast they are: optimised, this would take as long as all that is above. Here alone
-        # each has the features of its own dependencies only, without which code may be left over.
+        # Whether they compile is checked, not how fast they are: optimised, this would take as long as all that is above.
+        # Here alone each has the features of its own dependencies only, without which code may be left over.
         options += ["--config", 'build.rustflags=["-Dwarnings"]']
         options += ["--config", 'profile.dev.package."*".opt-level=0', "--config", "profile.dev.debug=false"]
     else:

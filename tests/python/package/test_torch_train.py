@@ -179,7 +179,7 @@ def test_a_reduced_stream_is_that_of_representatives():
 def test_the_authors_hybrid_trains_by_their_procedure_and_rust_predicts_with_it(tdcr, data, tmp_path):
     tiny = ["--channels", "8,16,8", "--resolutions", "5,4,3", "--blocks", "1", "--context", "8", "--no-colors"]
     small = ["--width", "32", "--depth", "2", "--embedding", "16", "--clouds", "10", "--points", "64", "--quiet"]
-    length = ["--steps", "40", "--validate-every", "20", "--learning-rate", "3e-3", "--precision", "float32"]
+    length = ["--steps", "20", "--validate-every", "20", "--learning-rate", "3e-3", "--precision", "float32"]
     run = ["--data", str(data), "--preset", "paper", "--net", "hybrid", *tiny, *small, *length]
     assert main([*run, "--out", str(tmp_path)]) == 0
     entries = log(tmp_path)

@@ -147,7 +147,7 @@ def test_clouds_of_cameras_and_of_a_plant_of_ones_own_lead_the_tip(tmp_path: Pat
 
 def test_a_rig_is_led_along_a_circle_as_on_the_command_line() -> None:
     with tdcr.Rig(EXAMPLES / "rig-sim.toml") as rig:
-        run = tdcr.track(rig.robot, "circle", plant=rig, duration=1.0, approach=2.0, payload=0.02)
+        run = tdcr.track(rig.robot, "circle", plant=rig, duration=1.0, approach=1.0, payload=0.02)
         assert not rig.engaged
         with pytest.raises(InputError, match="truth, start: these are of simulated robots"):
             tdcr.track(rig.robot, "circle", plant=rig, truth="2m", start=rig.robot.mean_command)
