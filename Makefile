@@ -135,7 +135,8 @@ test-python: wheel site
 	TDCR=$(TDCR) OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile --no-loadscope-reorder tests/python
 
 # Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's; a flow from a
-# simulated surface, the real robot of examples/opencr, and what a network adds to it.
+# simulated surface, the real robot of examples/opencr, and what a network adds to it. The table of tracking errors in
+# docs/control.md becomes that of this run.
 bench: setup wheel
 	cargo bench --locked --bench sim --bench metrics --bench peak
 	$(PYTHON) benches/peers.py
@@ -144,6 +145,8 @@ bench: setup wheel
 	$(PYTHON) benches/envs.py
 	$(PYTHON) benches/bus.py
 	$(PYTHON) benches/settling.py
+	$(PYTHON) benches/tracking.py $(TDCR) --seeds 10 --into docs/control.md
+	$(PYTHON) benches/published_path.py $(TDCR) --trials 1
 	$(PYTHON) benches/priors.py target/priors --steps 1000
 	$(TDCR) calibrate --robot examples/opencr/robot.toml --columns examples/opencr/columns.toml \
 		--data examples/opencr/real_robot_v4_train.csv --validate examples/opencr/real_robot_v4_val.csv \

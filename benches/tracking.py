@@ -4,12 +4,16 @@ Circle of 60 mm and figure of eight in 20 s, robots hung by their bases. Cases w
 seed: mean (largest) over the seeds. The open loop is that of the resolved-rate runs.
 
     python benches/tracking.py target/release/tdcr --seeds 10
+
+`--into docs/control.md` puts the table in the place of the page's own.
 """
 
 import argparse
 import json
 import subprocess
+from pathlib import Path
 
+HEADER = "| robot | path | disturbance | `inverse` | `resolved-rate` | `mpc` |\n|---|---|---|---|---|---|"
 CASES = {
     "none": [],
     "payload 20 g": ["--payload", "0.02"],
@@ -50,6 +54,17 @@ def cell(values: list[float | None]) -> str:
     return text + (f", {lost} of {len(values)} stopped" if lost and ended else "")
 
 
+def replaced(page: str, table: list[str]) -> str:
+    """The page with this table in the place of its own, which ends at the first line that is none of a table."""
+    before, found, after = page.partition(HEADER)
+    if not found:
+        raise SystemExit(f"the page has no table that begins with {HEADER.splitlines()[0]}")
+    rest = after.split("\n")[1:]
+    while rest and rest[0].startswith("|"):
+        rest.pop(0)
+    return "\n".join([before + HEADER, *table, *rest])
+
+
 def main() -> None:
     """Prints the table row by row."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -57,8 +72,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--robots", nargs="+", default=["examples/hanging-2m.toml", "examples/hanging-3m.toml"])
     parser.add_argument("--paths", nargs="+", default=["circle", "eight"])
+    parser.add_argument("--into", type=Path, help="the page whose table this becomes")
     args = parser.parse_args()
-    print("| robot | path | disturbance | `inverse` | `resolved-rate` | `mpc` |\n|---|---|---|---|---|---|")
+    print(HEADER)
+    table = []
     for robot in args.robots:
         for path in args.paths:
             for case, options in CASES.items():
@@ -74,8 +91,11 @@ def main() -> None:
                     for one in found["resolved-rate"]
                 ]
                 closed = [cell([one["rms_error_percent"] for one in runs]) for runs in found.values()]
-                name = robot.removesuffix(".toml").rsplit("/", 1)[-1]
-                print(f"| {name} | {path} | {case} | {cell(scale)} | {closed[0]} | {closed[1]} |", flush=True)
+                name = Path(robot).stem.removeprefix("hanging-")
+                table.append(f"| {name} | {path} | {case} | {cell(scale)} | {closed[0]} | {closed[1]} |")
+                print(table[-1], flush=True)
+    if args.into:
+        args.into.write_text(replaced(args.into.read_text(), table))
 
 
 if __name__ == "__main__":
