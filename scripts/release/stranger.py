@@ -60,6 +60,12 @@ def run(command, **options):
     return done.stdout
 
 
+def uv_at_hand():
+    """The path's, the tests', or that of the tools of the release."""
+    own = [ROOT / ".venv/bin/uv", ROOT / "target/release-tools/bin/uv"]
+    return shutil.which("uv") or str(next((uv for uv in own if uv.exists()), own[-1]))
+
+
 def pythons(uv, scratch):
     """Interpreters by what `python --version` says."""
     found = {}
@@ -162,7 +168,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dist", type=Path, default=ROOT / "dist")
     parser.add_argument("--scratch", type=Path, default=ROOT / "target/stranger")
-    parser.add_argument("--uv", default=shutil.which("uv") or str(ROOT / ".venv/bin/uv"))
+    parser.add_argument("--uv", default=uv_at_hand())
     parser.add_argument("--only", choices=["wheel", "sdist", "tarball"], help="one of the three")
     parser.add_argument("--commit", help="what `tdcr --version` is to say [default: that of the checkout]")
     args = parser.parse_args()
