@@ -86,7 +86,7 @@ def pythons(uv, scratch):
     fetched = scratch / "pythons"
     for minor in FETCHED:
         try:
-            run([uv, "python", "install", "--quiet", "--install-dir", fetched, "--no-bin", minor])
+            run([uv, "python", "install", "--no-progress", "--install-dir", fetched, "--no-bin", minor])
         except (Failure, OSError) as failure:
             print(f"CPython {minor} could not be fetched: {str(failure).splitlines()[-1]}")
     for path in sorted(fetched.glob("cpython-*/bin/python3")):
