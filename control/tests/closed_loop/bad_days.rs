@@ -308,9 +308,9 @@ proptest! {
     }
 }
 
-/// A million steps: half an hour of one core.
+/// A million steps: 40 minutes of processor time.
 #[test]
-#[ignore = "takes half an hour of one core"]
+#[ignore = "takes 40 minutes of processor time"]
 fn no_command_of_a_million_leaves_its_bounds() {
     const STEPS: usize = 1_000_000;
     const USUAL: u32 = 20;
