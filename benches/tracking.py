@@ -37,7 +37,7 @@ def run(tdcr: str, robot: str, path: str, controller: str, options: list[str], s
     command = [tdcr, "track", "--robot", robot, "--path", path, "--controller", controller, *options, "--seed", str(seed)]
     done = subprocess.run([*command, "--json", "--quiet"], capture_output=True, text=True)
     if done.returncode != 0:
-        return {"rms_error_percent": None, "rms_error_open_loop": None, "rms_error": None, "why": done.stderr.strip()}
+        raise SystemExit(f"{' '.join(command)}:\n{done.stderr.strip()}")
     found = json.loads(done.stdout)
     if found["stopped"]:
         found["rms_error_percent"] = None
