@@ -1,52 +1,32 @@
-"""Equilibria in scenes: against SciPy's constrained minimum of the energy, differences, and themselves."""
+"""Equilibria in scenes: against SciPy's constrained minimum of the energy, and themselves."""
 
 from __future__ import annotations
 
 import copy
-import itertools
 import pickle
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from ball_chain import (
+    BALL,
+    BALLS,
+    COMMAND,
+    COMPLIANCE,
+    PAYLOAD,
+    RADIUS,
+    SCENE,
+    derivative,
+    energy,
+    gaps,
+    place,
+)
 from scipy.optimize import minimize
 
 import tdcr
 from tdcr import Obstacle, Scene
 from tdcr.errors import CommandError, ContactError, InputError, SceneError, SensitivityError
-
-PITCH, RADIUS, GAIN, COMPLIANCE = 0.03, 0.008, 400.0, 1e-6
-BENDING = [0.15, 0.2, 0.25]
-HOLES = [[0.006, 0.0], [-0.003, 0.0052], [-0.003, -0.0052]]
-BALLS = tdcr.Robot(
-    {
-        "name": "balls",
-        "gravity": [0.0, 0.0, -9.81],
-        "routing": "base",
-        "base": {"position": [0.0, 0.0, 0.05], "holes": HOLES, "hole_height": 0.0},
-        "modules": [
-            {
-                "discs": 4,
-                "pitch": PITCH,
-                "radius": RADIUS,
-                "half_height": RADIUS,  # As tall as wide: its collision geometry is one ball.
-                "mass": {"density": 1000.0},
-                "holes": HOLES,
-                "damping": 0.01,
-                "armature": 1e-4,
-                "backbone": {"bending": BENDING[:2], "torsion": BENDING[2]},
-                "tendons": {"drive": {"gain": GAIN}, "range": [0.0, 0.2]},
-            }
-        ],
-    }
-)
-COMMAND = np.array([0.08, 0.116, 0.12])
-PAYLOAD = 0.02
-BALL = Obstacle.sphere("ball", 0.03, position=(0.044, 0.012, 0.125), compliance=COMPLIANCE)
-WALL = Obstacle.half_space("wall", position=(0.05, 0.0, 0.0), orientation=(0.7, 0.0, -0.75, 0.05), compliance=COMPLIANCE)
-SCENE = Scene([BALL, WALL])
 
 ROBOT = tdcr.Robot("2m")
 POSTS = Scene(
@@ -57,55 +37,6 @@ POSTS = Scene(
     ]
 )
 COMMANDS = ROBOT.random_commands(40, seed=2)
-
-
-def turn(vector: Any) -> Any:
-    """Rotation matrix of a rotation vector, which may be complex."""
-    x, y, z = vector
-    square = x * x + y * y + z * z
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    if abs(square) < 1e-12:
-        return np.eye(3) + cross + cross @ cross / 2
-    angle = np.sqrt(square)
-    return np.eye(3) + np.sin(angle) / angle * cross + (1 - np.cos(angle)) / square * cross @ cross
-
-
-def place(turns: Any) -> tuple[list[Any], list[Any]]:
-    """Origins and rotations of the base and the discs."""
-    origins, rotations = [np.array([0, 0, 0.05])], [np.eye(3)]
-    for vector in turns.reshape(4, 3):
-        origins.append(origins[-1] + rotations[-1] @ [0, 0, PITCH])
-        rotations.append(rotations[-1] @ turn(vector))
-    return origins, rotations
-
-
-def energy(turns: Any) -> Any:
-    """Of joints, tendons, weights and payload (J)."""
-    origins, rotations = place(turns)
-    mass = 1000.0 * np.pi * RADIUS**2 * 2 * RADIUS
-    found = sum(mass * 9.81 * origin[2] for origin in origins[1:]) + PAYLOAD * 9.81 * origins[-1][2]
-    found = found + (np.array(BENDING) * turns.reshape(4, 3) ** 2).sum() / 2
-    for hole, command in zip(HOLES, COMMAND, strict=True):
-        points = [origin + rotation @ [*hole, 0] for origin, rotation in zip(origins, rotations, strict=True)]
-        pieces = [np.sqrt(((b - a) ** 2).sum()) for a, b in itertools.pairwise(points)]
-        found = found + GAIN / 2 * (sum(pieces) - command) ** 2
-    return found
-
-
-def gaps(turns: Any) -> Any:
-    """Of each disc from the ball and the wall (m)."""
-    w, x, y, z = np.array(WALL.orientation) / np.linalg.norm(WALL.orientation)
-    normal = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    found = []
-    for origin in place(turns)[0][1:]:
-        away = origin - BALL.position
-        found += [np.sqrt((away**2).sum()) - 0.03 - RADIUS, normal @ (origin - WALL.position) - RADIUS]
-    return np.array(found)
-
-
-def derivative(function: Any, turns: Any) -> Any:
-    """By steps along the imaginary axis, exact to rounding."""
-    return np.array([np.imag(function(turns + 1e-30j * unit)) / 1e-30 for unit in np.eye(12)]).T
 
 
 def test_an_equilibrium_is_the_constrained_minimum_of_the_energy_that_scipy_finds() -> None:
@@ -215,168 +146,6 @@ def test_a_settler_goes_on_from_its_last_equilibrium_and_from_where_it_was_pickl
     again = settler.settle_from(found.configuration, path[-1], payload=PAYLOAD)
     np.testing.assert_allclose(again.positions, found.positions, atol=1e-8)
     assert again.contacts is not None and settler.scene is SCENE
-
-
-def poses(robot: tdcr.Robot, command: Any, payload: float, scene: Scene) -> Any:
-    found = tdcr.settle(robot, command, payload, scene=scene).check()
-    return found.positions, found.quaternions
-
-
-def difference(of: Any, step: float) -> Any:
-    """Change of positions and rotation vectors, shape (n, 6), by a central difference of ``of(step)``."""
-    (up, q_up), (down, q_down) = of(step), of(-step)
-    w, v = q_down[:, :1], -q_down[:, 1:]
-    vector = q_up[:, :1] * v + w * q_up[:, 1:] + np.cross(q_up[:, 1:], v)
-    sign = np.sign((q_up * q_down).sum(axis=1, keepdims=True))
-    return np.hstack([up - down, 2 * sign * vector]) / (2 * step)
-
-
-def close(ours: Any, differences: Any, tolerance: float = 1e-4) -> None:
-    np.testing.assert_allclose(ours, differences, atol=tolerance * (1e-9 + np.abs(differences).max()))
-
-
-def test_derivatives_by_command_loads_and_parameters_are_those_of_differences() -> None:
-    names = ["command[0]", "command[2]", "payload", "force[2].y", "gain[1]"]
-    jacobian = tdcr.jacobian(BALLS, COMMAND, names, PAYLOAD, scene=SCENE)
-    assert jacobian.shape == (4, 6, 5)
-
-    def pushed(step: float) -> Any:
-        wrench = np.zeros((4, 6))
-        wrench[2, 1] = step
-        found = tdcr.settle(BALLS, COMMAND, PAYLOAD, wrench=wrench, scene=SCENE).check()
-        return found.positions, found.quaternions
-
-    close(jacobian[..., 0], difference(lambda h: poses(BALLS, COMMAND + h * np.eye(3)[0], PAYLOAD, SCENE), 1e-7))
-    close(jacobian[..., 1], difference(lambda h: poses(BALLS, COMMAND + h * np.eye(3)[2], PAYLOAD, SCENE), 1e-7))
-    close(jacobian[..., 2], difference(lambda h: poses(BALLS, COMMAND, PAYLOAD + h, SCENE), 1e-5))
-    close(jacobian[..., 3], difference(pushed, 1e-4))
-    with_gain = lambda h: BALLS.with_values({"gain[1]": GAIN + h})  # noqa: E731
-    close(jacobian[..., 4], difference(lambda h: poses(with_gain(h), COMMAND, PAYLOAD, SCENE), 0.05))
-    # Both modes are the same linear map.
-    rng = np.random.default_rng(0)
-    rates, by_positions, by_quaternions = rng.normal(size=(1, 5)), rng.normal(size=(1, 4, 3)), rng.normal(size=(1, 4, 4))
-    change = tdcr.jvp(BALLS, [COMMAND], names, rates, PAYLOAD, scene=SCENE)
-    np.testing.assert_allclose(change[0][0], jacobian[:, :3] @ rates[0], rtol=1e-9, atol=1e-12)
-    gradient = tdcr.vjp(BALLS, [COMMAND], names, by_positions, by_quaternions, PAYLOAD, scene=SCENE)
-    both = (by_positions * change[0]).sum() + (by_quaternions * change[1]).sum()
-    assert float((gradient * rates).sum()) == pytest.approx(float(both), rel=1e-9)
-
-
-def moved_robot(motion: Any) -> tdcr.Robot:
-    fields = BALLS.to_dict()
-    size = np.linalg.norm(motion[3:])
-    axis = motion[3:] / (size if size else 1)
-    fields["base"]["position"] = (np.array([0, 0, 0.05]) + motion[:3]).tolist()
-    fields["base"]["orientation"] = [np.cos(size / 2), *(np.sin(size / 2) * axis)]
-    return tdcr.Robot(fields)
-
-
-def moved_wall(motion: Any) -> Scene:
-    size = np.linalg.norm(motion[3:])
-    x, y, z = np.sin(size / 2) * motion[3:] / (size if size else 1)
-    left = np.array([[0, -x, -y, -z], [x, 0, -z, y], [y, z, 0, -x], [z, -y, x, 0]]) + np.cos(size / 2) * np.eye(4)
-    return SCENE.moved("wall", np.array(WALL.position) + motion[:3], left @ WALL.orientation)
-
-
-def test_derivatives_by_obstacles_and_base_are_those_of_differences() -> None:
-    wall = tdcr.obstacle_jacobian(BALLS, COMMAND, "wall", PAYLOAD, scene=SCENE)
-    base = tdcr.base_jacobian(BALLS, [COMMAND], PAYLOAD, scene=SCENE)[0]
-    assert wall.shape == (4, 6, 7) and base.shape == (4, 6, 6)
-    for column, unit in enumerate(np.eye(6)):
-        by_wall = difference(lambda h, unit=unit: poses(BALLS, COMMAND, PAYLOAD, moved_wall(h * unit)), 1e-7)
-        assert np.abs(wall[..., column] - by_wall).max() < 1e-4 * np.abs(wall[..., :6]).max()
-        by_base = difference(lambda h, unit=unit: poses(moved_robot(h * unit), COMMAND, PAYLOAD, SCENE), 1e-7)
-        assert np.abs(base[..., column] - by_base).max() < 1e-4 * np.abs(base).max()
-
-    def softer(step: float) -> Any:
-        return poses(BALLS, COMMAND, PAYLOAD, Scene([BALL, replace(WALL, compliance=COMPLIANCE + step)]))
-
-    close(wall[..., 6], difference(softer, 1e-8), 1e-3)
-    # The adjoint is the same linear map.
-    rng = np.random.default_rng(1)
-    by_positions = rng.normal(size=(1, 4, 3))
-    found = tdcr.scene_vjp(BALLS, [COMMAND], by_positions, payload=PAYLOAD, scene=SCENE)
-    assert len(found) == 1 and found.obstacles.shape == (1, 2, 6) and found.compliance.shape == (1, 2)
-    by = by_positions[0]
-    np.testing.assert_allclose(found.base[0], np.einsum("nk,nkj->j", by, base[:, :3]), rtol=1e-8, atol=1e-10)
-    by_wall = np.einsum("nk,nkj->j", by, wall[:, :3])
-    np.testing.assert_allclose([*found.obstacles[0, 1], found.compliance[0, 1]], by_wall, rtol=1e-8, atol=1e-10)
-    # What nothing moves with: all together is a motion of the world, but for gravity along z.
-    ball = tdcr.obstacle_jacobian(BALLS, COMMAND, 0, PAYLOAD, scene=SCENE)
-    together = ball[..., :3] + wall[..., :3] + base[..., :3]
-    np.testing.assert_allclose(together[:, :3], np.broadcast_to(np.eye(3), (4, 3, 3)), atol=1e-8)
-    # Without obstacles a base that moves takes everything with it.
-    free = tdcr.base_jacobian(BALLS, COMMAND, PAYLOAD)
-    np.testing.assert_allclose(free[:, :3, :3], np.broadcast_to(np.eye(3), (4, 3, 3)), atol=1e-8)
-    turned = difference(lambda h: poses(moved_robot([0, 0, 0, h, 0, 0]), COMMAND, PAYLOAD, Scene()), 1e-6)
-    close(free[..., 3], turned)
-
-
-def test_gradients_flow_in_pytorch_with_contacts_in() -> None:
-    torch = pytest.importorskip("torch")
-    from tdcr.torch import settle
-
-    weights = torch.linspace(-1.0, 1.0, 12, dtype=torch.float64).reshape(4, 3)
-
-    def cost(command: Any, payload: Any, wrench: Any) -> Any:
-        positions, quaternions = settle(BALLS, command, payload, wrench, scene=SCENE)
-        return (positions * weights).sum() + 0.1 * quaternions[..., 1].sum()
-
-    wrench = torch.zeros(4, 6, dtype=torch.float64)
-    wrench[2, 1] = 1e-3
-    command = torch.tensor(COMMAND, requires_grad=True)
-    payload = torch.tensor(PAYLOAD, dtype=torch.float64, requires_grad=True)
-    fixed = lambda c, p: cost(c, p, wrench)  # noqa: E731
-    assert torch.autograd.gradcheck(fixed, (command, payload), eps=1e-6, atol=1e-4, rtol=1e-3, check_forward_ad=True)
-    wrench.requires_grad_()
-    (by_wrench,) = torch.autograd.grad(cost(command, payload, wrench), wrench)
-    assert by_wrench.abs().max() > 0
-    free = torch.autograd.grad((settle(BALLS, command, payload)[0] * weights).sum(), command)[0]
-    among = torch.autograd.grad((settle(BALLS, command, payload, scene=SCENE)[0] * weights).sum(), command)[0]
-    assert not torch.allclose(free, among, rtol=1e-2)
-    with pytest.raises(InputError, match="scene is 'wall'; expected a tdcr.Scene; tdcr.Scene.load reads"):
-        settle(BALLS, command, scene="wall")
-
-
-def test_poses_of_obstacles_are_inputs_of_pytorch() -> None:
-    torch = pytest.importorskip("torch")
-    from tdcr.torch import settle
-
-    commands = torch.tensor(np.stack([COMMAND, COMMAND + 0.002 * np.eye(3)[0]]))
-    places = torch.tensor([one.position for one in SCENE], dtype=torch.float64, requires_grad=True)
-    # Not of unit length: they are normalised on use.
-    turns = (2.0 * torch.tensor([one.orientation for one in SCENE], dtype=torch.float64)).requires_grad_()
-
-    def cost(places: Any, turns: Any) -> Any:
-        options = {"scene": SCENE, "obstacle_positions": places, "obstacle_quaternions": turns}
-        positions, quaternions = settle(BALLS, commands, PAYLOAD, **options)
-        return positions[..., 0].sum() + positions[:, 2, 1].sum() + 0.1 * quaternions[..., 2].sum()
-
-    assert torch.autograd.gradcheck(cost, (places, turns), eps=1e-7, atol=1e-4, rtol=1e-3, check_forward_ad=True)
-    same = settle(BALLS, commands, PAYLOAD, scene=SCENE, obstacle_positions=places)[0]
-    assert torch.equal(same, settle(BALLS, commands, PAYLOAD, scene=SCENE)[0])
-    compiled = torch.compile(cost, backend="aot_eager", fullgraph=True)
-    found, expected = (torch.autograd.grad(one(places, turns), (places, turns)) for one in (compiled, cost))
-    assert all(torch.allclose(f, e, rtol=1e-12) for f, e in zip(found, expected, strict=True))
-    with pytest.raises(InputError, match="poses of obstacles are given without a scene"):
-        settle(BALLS, commands, obstacle_positions=places)
-    with pytest.raises(InputError, match="obstacle_positions has shape"):
-        settle(BALLS, commands, scene=SCENE, obstacle_positions=places[:, :2])
-
-
-def test_gradients_in_jax_are_rows_of_the_jacobian() -> None:
-    jax = pytest.importorskip("jax")
-    jax.config.update("jax_enable_x64", True)
-    from tdcr.jax import settle
-
-    gradient = jax.grad(lambda command: settle(BALLS, command, PAYLOAD, scene=SCENE)[0][-1, 0])(COMMAND)
-    ours = tdcr.jacobian(BALLS, COMMAND, None, PAYLOAD, scene=SCENE)[-1, 0]
-    np.testing.assert_allclose(gradient, ours, rtol=1e-7)
-    places = np.array([one.position for one in SCENE])
-    tip = lambda places: settle(BALLS, COMMAND, PAYLOAD, scene=SCENE, obstacle_positions=places)[0][-1, 0]  # noqa: E731
-    by_places = [tdcr.obstacle_jacobian(BALLS, COMMAND, k, PAYLOAD, scene=SCENE)[-1, 0, :3] for k in range(2)]
-    np.testing.assert_allclose(jax.grad(tip)(places), by_places, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(jax.jacfwd(tip)(places), by_places, rtol=1e-6, atol=1e-9)
 
 
 def test_what_is_wrong_is_named(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from ball_chain import BALLS, RADIUS
 from by_command_line import command_line
-from test_contact import BALLS, RADIUS
 
 import tdcr
 from tdcr import Compliant, Impedance, Obstacle, Scene

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_contact import BALLS, COMMAND, COMPLIANCE, PAYLOAD, RADIUS, SCENE, derivative, energy, gaps
+from ball_chain import BALLS, COMMAND, COMPLIANCE, PAYLOAD, RADIUS, SCENE, derivative, energy, gaps
 
 import tdcr
 from tdcr.errors import ContactError
