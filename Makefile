@@ -10,7 +10,8 @@ WORKSPACE := --workspace --exclude tdcr-mujoco
 WITH_EXAMPLES := $(WORKSPACE) --examples
 
 .PHONY: demo build check test setup format lint docs supply-chain lint-python style-python types-python lint-page wheel release \
-	try-release gather-release publish-crates notebooks site fuzz test-fast test-rust test-mujoco test-python bench clean
+	try-release gather-release publish-crates notebooks site fuzz test-fast test-rust test-mujoco test-python \
+	test-installed bench clean
 
 demo: build
 	$(TDCR) demo --out demo_out
@@ -28,7 +29,9 @@ test:
 	$(MAKE) -j2 supply-chain lint-page style-python
 	@$(MAKE) types-python >target/types.log 2>&1 & types=$$!; tested=0; $(MAKE) test-rust || tested=$$?; \
 		wait $$types || tested=$$?; cat target/types.log; exit $$tested
-	$(MAKE) test-mujoco test-python
+	$(MAKE) wheel
+	$(MAKE) -j2 test-mujoco site
+	$(MAKE) test-installed
 
 setup:
 	@scripts/setup.sh
@@ -125,12 +128,15 @@ WITH_MUJOCO := --workspace --release --locked
 TEST_MUJOCO := cargo test $(WITH_MUJOCO) --test robots --test closed_forms
 test-mujoco:
 	cargo clippy $(WITH_MUJOCO) --features tdcr/joystick --lib --bin tdcr --test robots --test closed_forms -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc -p tdcr-mujoco --no-deps --release --locked
+	RUSTDOCFLAGS="-D warnings" cargo doc $(WITH_MUJOCO) --examples --lib --no-deps
 	$(TEST_MUJOCO)
 	MUJOCO_DIR="$$($(PYTHON) -c 'import mujoco; print(mujoco.__path__[0])')" $(TEST_MUJOCO)
 
-# Two processes of one thread each: PyTorch is slow where its threads share busy cores.
 test-python: wheel site
+	$(MAKE) test-installed
+
+# Of the wheel that is installed. Two processes of one thread each: PyTorch is slow where its threads share busy cores.
+test-installed:
 	cargo build $(WITH_EXAMPLES) --bins --release --locked
 	TDCR=$(TDCR) OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile --no-loadscope-reorder tests/python
 
