@@ -77,9 +77,14 @@ impl DepthBuffer {
         for point in points {
             point.cover(radius, sample, [self.width, self.height], |index, depth| {
                 let nearest = &mut nearest[index];
-                let place = nearest.partition_point(|(nearer, _)| *nearer >= depth);
+                let mut place = TOGETHER;
+                while place > 0 && nearest[place - 1].0 < depth {
+                    if place < TOGETHER {
+                        nearest[place] = nearest[place - 1];
+                    }
+                    place -= 1;
+                }
                 if place < TOGETHER {
-                    nearest[place..].rotate_right(1);
                     nearest[place] = (depth, point.color);
                 }
             });
@@ -113,11 +118,12 @@ impl DepthBuffer {
             (x, y.wrapping_sub(SUPERSAMPLE)),
             (x, y + SUPERSAMPLE),
         ];
-        let in_front: f64 = neighbours
-            .into_iter()
-            .filter(|&(x, y)| x < self.width && y < self.height)
-            .map(|(x, y)| (self.depth[y * self.width + x] - depth).clamp(0.0, EDGE_DEPTH))
-            .sum();
+        let mut in_front = 0.0;
+        for (x, y) in neighbours {
+            if x < self.width && y < self.height {
+                in_front += (self.depth[y * self.width + x] - depth).clamp(0.0, EDGE_DEPTH);
+            }
+        }
         let edge = (-in_front / (neighbours.len() as f64 * EDGE_DEPTH)).exp();
         let brightness = (FAR_BRIGHTNESS + (1.0 - FAR_BRIGHTNESS) * nearness) * edge;
         let level = (brightness * BRIGHTNESS_LEVELS).round() / BRIGHTNESS_LEVELS;
