@@ -299,7 +299,7 @@ fn says_why(run: &Tracking) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
     fn no_command_leaves_its_bounds_on_bad_days(seed in any::<u64>()) {
         if let Some(run) = bad_day(seed, &AtomicUsize::new(0), 1) {

@@ -123,7 +123,7 @@ fn processor_seconds() -> f64 {
 #[test]
 fn most_random_queries_are_solved_and_their_plans_hold_in_steps_ten_times_as_fine() {
     for name in ["2m", "3m", "5m"] {
-        let [share, corner] = solved(name, 0..20, Budget::Nodes(300));
+        let [share, corner] = solved(name, 0..12, Budget::Nodes(300));
         assert!(share >= 0.9, "{name}");
         assert!(corner.to_degrees() < 3.0, "{name}: corners are rounded off");
     }

@@ -52,7 +52,7 @@ fn edited(text: &str, edits: &[(f64, usize, &str)]) -> String {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(3000))]
+    #![proptest_config(ProptestConfig::with_cases(1500))]
 
     #[test]
     fn a_mutated_model_is_read_or_refused(seed in 0..50_u64, edits in edits()) {
