@@ -82,7 +82,7 @@ impl Robot {
 
     /// The robot file as TOML text.
     fn to_toml(&self) -> Outcome<String> {
-        toml::to_string(self.0.spec()).map_err(|error| Failure::Of("RobotError", error.to_string()))
+        (self.0.spec().to_toml()).map_err(|error| Failure::Of("RobotError", error.to_string()))
     }
 
     /// The robot, in a scene if one is given, as a model in MuJoCo's format; with notes on what this has otherwise.

@@ -132,7 +132,7 @@ pub(super) fn run(args: &CalibrateArgs, console: &Console) -> anyhow::Result<()>
         tracing::warn!("{note}");
     }
     if let Some(out) = &args.out {
-        output::write(out, toml::to_string(&calibration.spec)?)?;
+        output::write(out, calibration.spec.to_toml()?)?;
         let map = toml::to_string(&calibration.columns)?;
         output::write(&out.with_extension("columns.toml"), map)?;
     }

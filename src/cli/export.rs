@@ -240,7 +240,7 @@ fn text_of(args: &ExportArgs) -> anyhow::Result<String> {
         Format::Mjcf => mjcf_of(args)?,
         Format::Urdf => tdcr::sim::formats::urdf::export(&spec()?)?,
         Format::Json => serde_json::to_string_pretty(&spec()?)? + "\n",
-        Format::Toml => toml::to_string(&spec()?)?,
+        Format::Toml => spec()?.to_toml()?,
         Format::Scene => scene_of(args)?,
     })
 }

@@ -100,7 +100,7 @@ impl Layout {
         });
         Self {
             name: spec.name.clone(),
-            toml: toml::to_string(spec).ok(),
+            toml: spec.to_toml().ok(),
             length: robot.arc_lengths().last().copied().unwrap_or(0.0),
             solids: solids(robot, pose).iter().map(Drawn::new).collect(),
             obstacles: obstacles(scene),

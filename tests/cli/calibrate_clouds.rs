@@ -20,7 +20,7 @@ fn robot(folder: &Path, name: &str, stiffness: f64) -> PathBuf {
         }
     }
     let path = folder.join(name);
-    fs::write(&path, toml::to_string(&spec).unwrap()).unwrap();
+    fs::write(&path, spec.to_toml().unwrap()).unwrap();
     path
 }
 

@@ -369,7 +369,7 @@ fn a_robot_without_tendons_needs_no_command_and_others_are_told_which() {
     spec.modules
         .iter_mut()
         .for_each(|module| module.tendons = None);
-    let robot = toml::to_string(&spec).unwrap();
+    let robot = spec.to_toml().unwrap();
     let robot = file(folder.path(), "robot.toml", &robot);
     let on = ["settle", "--robot", text(&robot)];
     let alone = succeed_json(&on);
@@ -386,7 +386,10 @@ fn a_robot_without_tendons_needs_no_command_and_others_are_told_which() {
 #[test]
 fn a_field_in_a_table_that_has_none_of_its_name_is_sent_where_it_belongs() {
     let folder = tempfile::tempdir().unwrap();
-    let robot = toml::to_string(&tdcr::sim::robot::RobotSpec::standard("2m").unwrap()).unwrap();
+    let robot = tdcr::sim::robot::RobotSpec::standard("2m")
+        .unwrap()
+        .to_toml()
+        .unwrap();
     let robot = format!("tendons = {{ drive = \"length\" }}\n{robot}");
     let robot = file(folder.path(), "robot.toml", &robot);
     let expected = "`tendons` belongs in [[modules]]";

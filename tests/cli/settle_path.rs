@@ -70,7 +70,7 @@ fn a_path_with_friction_is_that_of_the_library_and_does_not_come_back_as_it_went
     let path = file(folder.path(), "path.csv", &table_of(&commands));
     let spec = with_friction(0.1);
     let robot_file = folder.path().join("rough.toml");
-    fs::write(&robot_file, toml::to_string(&spec).unwrap()).unwrap();
+    fs::write(&robot_file, spec.to_toml().unwrap()).unwrap();
     let scene_file = file(
         folder.path(),
         "scene.toml",

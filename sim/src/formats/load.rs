@@ -56,6 +56,9 @@ pub enum RobotFileError {
     /// The robot is not valid.
     #[error(transparent)]
     Robot(#[from] SpecError),
+    /// The robot has what TOML cannot say.
+    #[error("the robot cannot be written as TOML: {0}")]
+    Write(toml::ser::Error),
 }
 
 const TWO_MODULES: &str = include_str!("../../robots/2m.toml");
@@ -113,6 +116,14 @@ impl RobotSpec {
     /// [`RobotFileError`] where the text is not a robot specification, or the robot is not valid.
     pub fn from_toml(text: &str, path: &Path) -> Result<Self, RobotFileError> {
         parse_text(text, path, from_toml, missing::in_toml)
+    }
+
+    /// The text of its TOML file.
+    ///
+    /// # Errors
+    /// [`RobotFileError::Write`] for what TOML cannot say.
+    pub fn to_toml(&self) -> Result<String, RobotFileError> {
+        toml::to_string(self).map_err(RobotFileError::Write)
     }
 }
 

@@ -1,9 +1,11 @@
 //! A robot whose last disc is pressed on its first.
 
+use std::path::Path;
+
 use nalgebra::{UnitQuaternion, Vector3};
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::geometry::{Bead, Beads};
-use tdcr_sim::robot::{Frame, Loads, Robot, Wrench};
+use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec, Wrench};
 use tdcr_sim::scene::{Scene, SelfContact};
 
 /// Stiffness of the last joint, a fraction of that of the others (N m/rad).
@@ -38,7 +40,7 @@ pub fn robot() -> Robot {
          armature = 1e-4
          backbone = [{held}, {held}, {free}]"
     );
-    Robot::new(toml::from_str(&text).unwrap()).unwrap()
+    Robot::new(RobotSpec::from_toml(&text, Path::new("robot.toml")).unwrap()).unwrap()
 }
 
 /// One bead on its first disc and one on its last.

@@ -3,9 +3,11 @@
 //!
 //! `cargo test --release -p tdcr-sim --test motion cosserat -- --ignored --nocapture` prints the table of docs/validation.md.
 
+use std::path::Path;
+
 use nalgebra::{Matrix3, Vector3};
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
-use tdcr_sim::robot::{Frame, Loads, Robot};
+use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec};
 
 const LENGTH: f64 = 0.6;
 /// Time between the rows of the files (s).
@@ -66,7 +68,7 @@ fn rod(discs: usize, release: &Release, time: f64) -> Robot {
         release.gravity,
         LENGTH / discs as f64 / 2.0
     );
-    Robot::new(toml::from_str(&spec).unwrap()).unwrap()
+    Robot::new(RobotSpec::from_toml(&spec, Path::new("robot.toml")).unwrap()).unwrap()
 }
 
 /// Where the tip is at every row, and the steps not taken as asked.

@@ -1,5 +1,7 @@
 //! What a robot's specification accepts, and what it says to what it does not.
 
+use std::path::Path;
+
 use proptest::prelude::*;
 use tdcr_sim::robot::{
     Axis, Body, CommandError, Drive, Holes, Loads, MassSpec, Parameter, PerDisc, Robot, RobotSpec,
@@ -30,7 +32,7 @@ fn a_specification_survives_its_files() {
     std::fs::create_dir_all(&folder).unwrap();
     let spec = RobotSpec::standard("5m").unwrap();
     for (file, text) in [
-        ("robot.toml", toml::to_string(&spec).unwrap()),
+        ("robot.toml", spec.to_toml().unwrap()),
         ("robot.json", serde_json::to_string(&spec).unwrap()),
     ] {
         let path = folder.join(file);
@@ -141,7 +143,7 @@ fn a_wrong_route_is_named_with_its_place() {
 
 #[test]
 fn robot_files_say_what_was_expected_where() {
-    let two = toml::to_string(&RobotSpec::standard("2m").unwrap()).unwrap();
+    let two = RobotSpec::standard("2m").unwrap().to_toml().unwrap();
     for (from, to, expected) in [
         (
             "gain = 500.0",
@@ -161,7 +163,7 @@ fn robot_files_say_what_was_expected_where() {
     ] {
         assert!(two.contains(from), "{two}");
         let broken = two.replacen(from, to, 1);
-        let message = toml::from_str::<RobotSpec>(&broken)
+        let message = RobotSpec::from_toml(&broken, Path::new("robot.toml"))
             .unwrap_err()
             .to_string();
         assert!(

@@ -4,6 +4,8 @@
 //! `cargo test --release -p tdcr-sim --test statics cosserat -- --ignored --nocapture` prints the table of
 //! docs/validation.md.
 
+use std::path::Path;
+
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use tdcr_sim::curve::BackboneCurve;
@@ -51,7 +53,7 @@ fn shapes() -> Vec<Shape> {
 
 /// The rod as a chain of discs without mass, from a robot file's text.
 fn rod(discs: usize) -> RobotSpec {
-    toml::from_str(&format!(
+    let text = format!(
         "name = \"rod\"
         gravity = [0.0, 0.0, 0.0]
         routing = \"base\"
@@ -68,8 +70,8 @@ fn rod(discs: usize) -> RobotSpec {
         armature = 0.0
         rod = {{ youngs = 200e9, poisson = 0.33, radius = 0.0008, density = 7870.0 }}",
         LENGTH / discs as f64 / 2.0
-    ))
-    .unwrap()
+    );
+    RobotSpec::from_toml(&text, Path::new("robot.toml")).unwrap()
 }
 
 /// The rod's curve in the shape.

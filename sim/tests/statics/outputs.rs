@@ -2,6 +2,7 @@
 //! the joints' reactions.
 
 use std::f64::consts::{FRAC_PI_4, PI};
+use std::path::Path;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -46,7 +47,7 @@ fn rod(discs: usize, gravity: [f64; 3]) -> Robot {
         rod = {{ youngs = {YOUNGS:?}, poisson = {POISSON}, radius = {RADIUS}, density = {DENSITY:?} }}",
         LENGTH / discs as f64 / 2.0
     );
-    Robot::new(toml::from_str(&spec).unwrap()).unwrap()
+    Robot::new(RobotSpec::from_toml(&spec, Path::new("robot.toml")).unwrap()).unwrap()
 }
 
 fn settle(robot: &Robot, loads: &Loads) -> Equilibrium {

@@ -1,9 +1,12 @@
 //! What cameras promise: lenses, and places in the world.
 
+use std::path::Path;
+
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector2, Vector3};
 use proptest::prelude::*;
 use tdcr_sim::camera::{Camera, Distortion, Intrinsics};
-use tdcr_sim::robot::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, Robot, RobotSpec};
+use tdcr_sim::formats::RobotFileError;
+use tdcr_sim::robot::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, RobotSpec};
 
 /// Lenses from strong barrel to strong pincushion, for a picture 60 degrees wide.
 fn lenses() -> impl Strategy<Value = Distortion> {
@@ -145,10 +148,13 @@ resolution = [640, 480]
 distortion = { k1 = 0.1 }
 ";
 
-fn robot_with(cameras: &str) -> Result<RobotSpec, toml::de::Error> {
+fn robot_with(cameras: &str) -> Result<RobotSpec, RobotFileError> {
     let text = include_str!("../../robots/2m.toml");
     let ring = text.find("[cameras]").unwrap();
-    toml::from_str(&format!("{}{cameras}", &text[..ring]))
+    RobotSpec::from_toml(
+        &format!("{}{cameras}", &text[..ring]),
+        Path::new("robot.toml"),
+    )
 }
 
 #[test]
@@ -156,7 +162,7 @@ fn free_cameras_are_read_and_written() {
     let spec = robot_with(FREE).unwrap();
     spec.validate().unwrap();
     assert_eq!(
-        toml::from_str::<RobotSpec>(&toml::to_string(&spec).unwrap()).unwrap(),
+        RobotSpec::from_toml(&spec.to_toml().unwrap(), Path::new("robot.toml")).unwrap(),
         spec
     );
     let json = serde_json::to_string(&spec).unwrap();
@@ -218,8 +224,8 @@ fn a_wrong_camera_field_is_named_with_its_value_and_what_is_expected() {
         ),
     ] {
         assert!(FREE.contains(from), "{from}");
-        let spec = robot_with(&FREE.replacen(from, to, 1)).unwrap();
-        let message = Robot::new(spec).unwrap_err().to_string();
+        let read = robot_with(&FREE.replacen(from, to, 1));
+        let message = read.unwrap_err().to_string();
         assert!(
             message.contains(expected),
             "{message} does not contain {expected}"
@@ -255,8 +261,8 @@ fn a_wrong_ring_field_is_named_with_its_value_and_what_is_expected() {
         ),
     ] {
         assert!(text.contains(from), "{from}");
-        let spec: RobotSpec = toml::from_str(&text.replacen(from, to, 1)).unwrap();
-        let message = spec.validate().unwrap_err().to_string();
+        let read = RobotSpec::from_toml(&text.replacen(from, to, 1), Path::new("robot.toml"));
+        let message = read.unwrap_err().to_string();
         assert!(
             message.contains(expected),
             "{message} does not contain {expected}"
@@ -278,7 +284,7 @@ fn an_unknown_camera_field_is_named() {
         ),
         (
             "[cameras]\ncount = 8\n".to_owned(),
-            "missing field `radius`",
+            "lacks `radius`, `height`",
         ),
     ] {
         let message = robot_with(&cameras).unwrap_err().to_string();

@@ -73,8 +73,8 @@ pub fn export(spec: &RobotSpec) -> Result<String, ExportError> {
     // Neither can fail on values that passed the checks above.
     let text = urdf_rs::write_to_string(&urdf)
         .map_err(|e| refuse("name", e.to_string(), "text that XML can hold"))?;
-    let own = toml::to_string(spec)
-        .map_err(|e| refuse("name", e.to_string(), "text that TOML can hold"))?;
+    let own =
+        (spec.to_toml()).map_err(|e| refuse("name", e.to_string(), "text that TOML can hold"))?;
     let body = text.trim_end();
     let body = body.strip_suffix("</robot>").unwrap_or(body);
     // Between tags, line ends and quotes may stand as they are.

@@ -1,5 +1,7 @@
 //! Friction of obstacles: a joint whose tip is pressed against a ceiling, and pushed along it.
 
+use std::path::Path;
+
 use nalgebra::Vector3;
 use tdcr_sim::contact::ContactStepper;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
@@ -39,7 +41,7 @@ const FRICTION: f64 = 0.3;
 
 /// The robot pressed against a ceiling with `PRESSED / COMPLIANCE` = 1 N, and pushed along it with `force` (N) where it touches.
 fn push(force: f64, seconds: f64, integrator: Integrator) -> (ContactStepper, State) {
-    let spec = toml::from_str::<RobotSpec>(ONE_DISC).unwrap();
+    let spec = RobotSpec::from_toml(ONE_DISC, Path::new("robot.toml")).unwrap();
     let robot = Robot::new(spec).unwrap();
     let top = State::straight(&robot).positions(&robot)[0].z;
     let bead = Bead {

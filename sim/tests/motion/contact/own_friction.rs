@@ -1,5 +1,7 @@
 //! Friction between discs of one robot.
 
+use std::path::Path;
+
 use nalgebra::{UnitQuaternion, Vector3};
 use tdcr_sim::contact::{Contact, ContactSettler, ContactStepper};
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Rollout, State, Stepper};
@@ -54,7 +56,8 @@ fn rough(compliance: f64, friction: f64) -> Scene {
 /// The last disc pressed against a bead of the first with `PRESSED / COMPLIANCE` = 1 N, and pushed across with `force` (N) where it
 /// touches. The stepper, how far its bead went (m).
 fn push(force: f64, seconds: f64, integrator: Integrator) -> (ContactStepper, f64) {
-    let robot = Robot::new(toml::from_str::<RobotSpec>(THREE_DISCS).unwrap()).unwrap();
+    let robot =
+        Robot::new(RobotSpec::from_toml(THREE_DISCS, Path::new("robot.toml")).unwrap()).unwrap();
     // Bent so far that the two are apart in the straight robot.
     let bent = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 2.5);
     let mut state = State::straight(&robot);

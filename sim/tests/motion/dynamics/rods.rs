@@ -1,10 +1,11 @@
 //! Rods in motion: frequencies and internal damping against closed forms.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
+use std::path::Path;
 
 use nalgebra::{DMatrix, DVector};
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
-use tdcr_sim::robot::{Loads, Robot};
+use tdcr_sim::robot::{Loads, Robot, RobotSpec};
 
 const LENGTH: f64 = 0.6;
 const RADIUS: f64 = 8e-4;
@@ -38,7 +39,7 @@ pub fn rod(discs: usize, [bending, torsion]: [f64; 2], armature: f64) -> Robot {
         damping = {{ bending = {bending:?}, torsion = {torsion:?} }}",
         LENGTH / discs as f64 / 2.0
     );
-    Robot::new(toml::from_str(&spec).unwrap()).unwrap()
+    Robot::new(RobotSpec::from_toml(&spec, Path::new("robot.toml")).unwrap()).unwrap()
 }
 
 /// Angular frequencies (rad/s), from below, and modes of the straight rod: `K x = omega² M x`, `K` diagonal.

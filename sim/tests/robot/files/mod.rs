@@ -38,7 +38,7 @@ fn replaced(text: &str, from: &str, to: &str) -> String {
 fn robots_with_every_field_survive_their_files() {
     for text in [EVERY_FIELD, THREE_SEGMENTS] {
         let spec = load("toml", text).unwrap();
-        let toml = toml::to_string(&spec).unwrap();
+        let toml = spec.to_toml().unwrap();
         assert_eq!(load("toml", &toml).unwrap(), spec);
         let json = serde_json::to_string(&spec).unwrap();
         assert_eq!(load("json", &json).unwrap(), spec);
@@ -161,7 +161,7 @@ fn what_is_called_missing_is_what_reading_misses() {
             _ => {}
         }
     }
-    let two = toml::to_string(&RobotSpec::standard("2m").unwrap()).unwrap();
+    let two = RobotSpec::standard("2m").unwrap().to_toml().unwrap();
     for text in [EVERY_FIELD, THREE_SEGMENTS, &two] {
         let mut all = Vec::new();
         each_without(&toml::from_str(text).unwrap(), &mut all);
@@ -227,7 +227,7 @@ fn angles_that_can_only_be_degrees_are_refused_with_the_way_on() {
             "{message}"
         );
     }
-    let ring = toml::to_string(&RobotSpec::standard("2m").unwrap()).unwrap();
+    let ring = RobotSpec::standard("2m").unwrap().to_toml().unwrap();
     let message = said(&replaced(&ring, "\npitch = 0.1973", "\npitch = 11.3"));
     assert!(message.contains("`cameras.pitch` is 11.3;"), "{message}");
     let text = replaced(
@@ -271,7 +271,7 @@ fn angles_may_be_in_degrees() {
 #[test]
 fn cameras_that_a_file_leaves_out_stand_around_the_robot_in_the_papers_proportions() {
     let spec = RobotSpec::standard("2m").unwrap();
-    let text = toml::to_string(&spec).unwrap();
+    let text = spec.to_toml().unwrap();
     let (without, _) = text.split_once("[cameras]").unwrap();
     let Cameras::Ring(ring) = load("toml", without).unwrap().cameras else {
         panic!("the base stands on the axis");

@@ -153,7 +153,7 @@ fn what_is_written_is_read_as_the_same() {
     }
     // A specification of unit quaternions is the same to the bit.
     assert_eq!(SceneSpec::from_toml(&a.to_toml().unwrap()).unwrap(), a);
-    assert_eq!(toml::from_str::<SceneSpec>(&text).unwrap(), a);
+    assert_eq!(SceneSpec::from_toml(&text).unwrap(), a);
     // What a file leaves out is left out.
     assert!(
         text.contains("[obstacle.mesh]\nfile = \"part.stl\"\nscale = 0.01"),

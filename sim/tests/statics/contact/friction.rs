@@ -1,9 +1,11 @@
 //! Friction of contacts along paths.
 
+use std::path::Path;
+
 use nalgebra::{UnitQuaternion, Vector3};
 use tdcr_sim::contact::{Contact, ContactSettler, Sliding};
 use tdcr_sim::geometry::{Bead, Beads};
-use tdcr_sim::robot::{Frame, Loads, Robot, Wrench};
+use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec, Wrench};
 use tdcr_sim::scene::{Obstacle, Scene};
 use tdcr_sim::sensitivity::SensitivityError;
 
@@ -31,7 +33,7 @@ fn lever() -> Robot {
          armature = 0.0
          backbone = {{ bending = [{STIFFNESS}, {STIFFNESS}], torsion = {STIFFNESS} }}"
     );
-    Robot::new(toml::from_str(&text).unwrap()).unwrap()
+    Robot::new(RobotSpec::from_toml(&text, Path::new("robot.toml")).unwrap()).unwrap()
 }
 
 /// A wall of friction that touches a bead of 10 mm about the lever's end from +x.
