@@ -12,8 +12,8 @@ import pytest
 # MuJoCo's renderer without a screen; MuJoCo looks when it is first imported, in whichever test that is.
 os.environ.setdefault("MUJOCO_GL", "egl")
 
-# A shell has what it runs in the background ignore Ctrl-C, and `nohup` a hangup. Python leaves ignored what it finds so, and hands it
-# on; tests send these.
+# A shell has what it runs in the background ignore Ctrl-C, and `nohup` a hangup. Python leaves ignored what it finds so, and
+# hands it on; tests send these.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 for name in ("SIGHUP", "SIGQUIT"):
     signal.signal(getattr(signal, name), signal.SIG_DFL)
