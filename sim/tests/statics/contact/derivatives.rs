@@ -225,17 +225,17 @@ fn assert_derivatives(name: &str, poses: usize) {
 
 #[test]
 fn derivatives_of_two_modules_are_those_of_differences() {
-    assert_derivatives("2m", 150);
+    assert_derivatives("2m", 80);
 }
 
 #[test]
 fn derivatives_of_three_modules_are_those_of_differences() {
-    assert_derivatives("3m", 60);
+    assert_derivatives("3m", 30);
 }
 
 #[test]
 fn derivatives_of_five_modules_are_those_of_differences() {
-    assert_derivatives("5m", 60);
+    assert_derivatives("5m", 30);
 }
 
 /// `cargo test --release -p tdcr-sim --test statics contact::derivatives -- --ignored --nocapture`: the figures of docs/contact.md.
