@@ -5,7 +5,7 @@
 
 `cargo test` begins when all is built, and runs one program after the other: a processor is idle while the largest crate is
 compiled last, and while a program's longest test runs. Here one program runs while others are compiled, and then two. What each
-prints is shown when it has ended. Documentation's tests follow, by Cargo.
+prints is shown when it has ended. Documentation's tests, by Cargo, run beside these two, and are shown last.
 
 Cargo builds a package's binaries beside the tests that call them, and not before, as nothing of theirs is linked into the tests:
 these tests wait for their package's binaries here.
@@ -106,13 +106,19 @@ def main():
             tests.add(json.loads(line))
     workers[1].start()
     tests.end(len(workers), at_once=build.returncode != 0)
+    documented = None
+    if not build.returncode:
+        command = ["cargo", "test", "--doc", *options]
+        documented = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
     for worker in workers:
         worker.join()
-    if build.returncode:
+    if documented is None:
         sys.exit(build.returncode)
+    sys.stdout.buffer.write(documented.stdout)
+    sys.stdout.flush()
     if tests.failed:
         sys.exit(f"tests failed: {', '.join(tests.failed)}")
-    sys.exit(subprocess.run(["cargo", "test", "--doc", *options], check=False).returncode)
+    sys.exit(documented.returncode)
 
 
 if __name__ == "__main__":
