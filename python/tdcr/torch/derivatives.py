@@ -6,6 +6,7 @@ derivatives, which would be second ones.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -36,10 +37,16 @@ class Differentiable:
     adjoint: Callable[[Tensors, Tensors, Sequence[bool]], Tensors]
     tangent: Callable[[Tensors, Tensors], Tensors]
 
-    @torch.compiler.disable  # type: ignore[untyped-decorator]
     def __call__(self, *arguments: Tensor) -> tuple[Tensor, ...]:
         """The results."""
-        results: tuple[Tensor, ...] = _Value.apply(self, *arguments)
+        results: tuple[Tensor, ...]
+        if "torch._dynamo" in sys.modules:
+            # Where there is a compiler, it would look into what is called here.
+            from tdcr.torch import _traced
+
+            results = _traced.outside(_Value.apply, self, *arguments)
+        else:
+            results = _Value.apply(self, *arguments)
         return results
 
     def refuse_second(self) -> SensitivityError:

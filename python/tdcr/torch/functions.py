@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -196,7 +196,7 @@ def _rows(value: Any, name: str, like: Tensor, leading: torch.Size, shape: Seque
 def _poses(scene: Scene | None, positions: Any, quaternions: Any, like: Tensor, leading: torch.Size) -> Tensor:
     """Poses of obstacles, shape (..., m, 7), the scene's own where only positions or quaternions are given; of none where neither
     is."""
-    places, turns = _own_poses(scene_text(scene), positions is not None or quaternions is not None)
+    places, turns = _known(_own_poses, scene_text(scene), positions is not None or quaternions is not None)
     return torch.cat(
         [
             _rows(places if positions is None else positions, "obstacle_positions", like, leading, places.shape),
@@ -211,7 +211,7 @@ def _base(robot: Robot, position: Any, quaternion: Any, like: Tensor, leading: t
     (..., 0, 7), where neither is."""
     if position is None and quaternion is None:
         return like.new_zeros((*leading, 0, 7))
-    place, turn = _own_base(robot.to_json())
+    place, turn = _known(_own_base, robot.to_json())
     pose = (
         _rows(place if position is None else position, "base_position", like, leading, (3,)),
         _rows(turn if quaternion is None else quaternion, "base_quaternion", like, leading, (4,)),
@@ -219,16 +219,23 @@ def _base(robot: Robot, position: Any, quaternion: Any, like: Tensor, leading: t
     return torch.cat(pose, dim=-1).unsqueeze(-2)
 
 
-@torch.compiler.assume_constant_result  # type: ignore[untyped-decorator]
+def _known(function: Callable[..., tuple[Tensor, Tensor]], *arguments: Any) -> tuple[Tensor, Tensor]:
+    """What the function returns of no tensors; where operators are traced, it is a constant of theirs."""
+    if torch.compiler.is_compiling():
+        from tdcr.torch import _traced
+
+        return _traced.constant(function, *arguments)  # type: ignore[no-any-return]
+    return function(*arguments)
+
+
 def _own_base(robot: str) -> tuple[Tensor, Tensor]:
-    """Position and quaternion of the robot's own base, which are read where operators are traced."""
+    """Position and quaternion of the robot's own base."""
     position, quaternion = own_base(robot)
     return torch.from_numpy(position), torch.from_numpy(quaternion)
 
 
-@torch.compiler.assume_constant_result  # type: ignore[untyped-decorator]
 def _own_poses(scene: str, asked: bool) -> tuple[Tensor, Tensor]:
-    """Positions and quaternions of the scene's own, which are read where operators are traced."""
+    """Positions and quaternions of the scene's own."""
     positions, quaternions = own_poses(scene, asked)
     return torch.from_numpy(positions), torch.from_numpy(quaternions)
 
