@@ -49,9 +49,10 @@ def evaluate(
         model: The model, its file, or the folder of its run, or a list of such; ``"run"`` by default, without ``predictions``.
         data: The data set, or its folder.
         predictions: Clouds to score: shape (T, N, 3), world frame (m), one for each test command in the order of the test
-            split; or an NPZ file of ``points``, and maybe ``rgb`` and ``commands``, and ``method`` (a name),
-            ``training_seconds`` and ``prediction_seconds``. Several: a list of such files, or a dictionary of names to arrays or
-            files. One alone beside no ``model`` is called "predictions", a file among several by the name in it, or its own.
+            split, or for the first ones that ``tests`` scores; or an NPZ file of ``points``, and maybe ``rgb`` and
+            ``commands``, and ``method`` (a name), ``training_seconds`` and ``prediction_seconds``. Several: a list of
+            such files, or a dictionary of names to arrays or files. One alone beside no ``model`` is called "predictions", a file
+            among several by the name in it, or its own.
         colors: Colours of an array of ``predictions``, shape (T, N, 3), uint8, if they have any.
         commands: Conditions of an array of ``predictions``, shape (T, D), which are checked against the test split's; of several
             arrays those of all.

@@ -137,16 +137,19 @@ impl ScoredMethod {
     }
 }
 
-/// Refuses clouds that are not of the test commands.
+/// Refuses clouds that are not of the test commands: of those that are scored, `test`, or of more of the `whole` split.
 pub(super) fn require_commands(
     clouds: &PredictedClouds,
     test: &[Sample],
+    whole: usize,
     normalisation: &Normalisation,
 ) -> Result<(), PipelineError> {
-    if clouds.points.len() != test.len() {
+    let (found, scored) = (clouds.points.len(), test.len());
+    if !(scored..=whole).contains(&found) {
         return Err(EvalError::OtherClouds {
-            found: clouds.points.len(),
-            expected: test.len(),
+            found,
+            scored,
+            whole,
         }
         .into());
     }

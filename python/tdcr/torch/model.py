@@ -213,14 +213,32 @@ class Model:
         return Clouds(metres.astype(np.float32), colors)
 
 
+def first_commands(commands: npt.NDArray[np.float32], first: int | None) -> npt.NDArray[np.float32]:
+    """The first of these commands (T, D), or all."""
+    if first is None:
+        return commands
+    if not 1 <= first <= len(commands):
+        raise InputError(f"first is {first}, expected 1 to {len(commands)}, the commands that there are")
+    return commands[:first]
+
+
 def write_predictions(
-    path: str | Path, model: Model, folder: str | Path, points: int = 10_000, seed: int = 0, sampler: Sampler | None = None
+    path: str | Path,
+    model: Model,
+    folder: str | Path,
+    points: int = 10_000,
+    seed: int = 0,
+    sampler: Sampler | None = None,
+    first: int | None = None,
 ) -> None:
-    """Predicts every command of a data set's test split into an NPZ file for `tdcr eval --predictions`.
+    """Predicts every command of a data set's test split, or the `first` ones, into an NPZ file for `tdcr eval --predictions`.
 
     Test command k has the noise of `seed` + k, as in `tdcr eval --model`.
+
+    Raises:
+        tdcr.errors.InputError: for more first commands than there are, or none.
     """
-    commands = Dataset(folder).test.conditions
+    commands = first_commands(Dataset(folder).test.conditions, first)
     clouds = model.predict(commands, points, range(seed, seed + len(commands)), sampler)
     arrays: dict[str, npt.NDArray[Any]] = {"points": clouds.points, "commands": commands}
     if clouds.colors is not None:

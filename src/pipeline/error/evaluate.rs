@@ -53,15 +53,18 @@ pub enum EvalError {
         /// The data set's payloads.
         data: Option<PayloadRange>,
     },
-    /// There is not one predicted cloud for each test command.
+    /// There is not one predicted cloud for each test command that is scored, or more than there are test commands.
     #[error(
-        "{found} predicted clouds, expected {expected}, one for each test command in the order of the test split"
+        "{found} predicted clouds, expected {}, one for each test command in the order of the test split",
+        if scored == whole { whole.to_string() } else { format!("{scored} (those that are scored) to {whole}") }
     )]
     OtherClouds {
         /// Clouds.
         found: usize,
+        /// Test commands that are scored.
+        scored: usize,
         /// Test commands.
-        expected: usize,
+        whole: usize,
     },
     /// A predicted cloud is of another command than the test command of its place.
     #[error(

@@ -48,11 +48,11 @@ impl Evaluator {
     }
 
     /// Prepares to score `clouds`, predicted by any program for the test commands of the data set in the folder `data`, in
-    /// their order.
+    /// their order, or at least for those that are scored.
     ///
     /// # Errors
-    /// [`PipelineError`] where the data set cannot be read, has another number of test commands or other ones than the
-    /// clouds, or where there are fewer points than are to be compared.
+    /// [`PipelineError`] where the data set cannot be read, the clouds are of other commands, fewer than are scored or more than
+    /// there are, or where there are fewer points than are to be compared.
     pub fn of_clouds(
         clouds: PredictedClouds,
         data: &Path,
@@ -78,7 +78,14 @@ impl Evaluator {
         let set = DataSet::open(data)?;
         let recipe = set.meta().and_then(|meta| meta.origin.recipe().cloned());
         let (training, mut test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
-        set.require_some(Split::Test, test.len())?;
+        let whole = test.len();
+        set.require_some(Split::Test, whole)?;
+        if let Some(found) = settings.tests {
+            if !(1..=whole).contains(&found) {
+                return Err(EvalError::ScoredTests { found, most: whole }.into());
+            }
+            test.truncate(found);
+        }
         let points = training.points_per_cloud;
         let seen = test.iter().map(|sample| sample.cloud.len()).min();
         let mut available = seen.unwrap_or(0);
@@ -92,8 +99,9 @@ impl Evaluator {
                 let Clouds::Given(clouds) = &method.clouds else {
                     return Ok(available);
                 };
-                require_commands(clouds, &test, set.normalisation())?;
-                let fewest = clouds.points.iter().map(Vec::len).min();
+                require_commands(clouds, &test, whole, set.normalisation())?;
+                let scored = clouds.points.iter().take(test.len());
+                let fewest = scored.map(Vec::len).min();
                 let fewest = available.min(fewest.unwrap_or(0));
                 Scoring::new(&settings, fewest, points)?;
                 Ok(fewest)
@@ -104,13 +112,6 @@ impl Evaluator {
             })?;
         }
         let scoring = Scoring::new(&settings, available, points)?;
-        if let Some(found) = settings.tests {
-            let most = test.len();
-            if !(1..=most).contains(&found) {
-                return Err(EvalError::ScoredTests { found, most }.into());
-            }
-            test.truncate(found);
-        }
         let mut colors = test.iter().flat_map(|sample| &sample.cloud.colors);
         let first = colors.next();
         let colored = colors.any(|color| Some(color) != first);

@@ -13,7 +13,7 @@ pytest.importorskip("skimage", reason="no scikit-image here: install tests/pytho
 import safetensors.torch  # noqa: E402
 import scipy.stats  # noqa: E402
 
-from tdcr import collect, evaluate  # noqa: E402
+from tdcr import Dataset, collect, evaluate  # noqa: E402
 from tdcr.errors import DataError, InputError, MissingPackageError, TrainError  # noqa: E402
 from tdcr.torch.baselines import BaselineModel, Run, Settings, method, write_predictions  # noqa: E402
 from tdcr.torch.baselines.__main__ import main  # noqa: E402
@@ -311,6 +311,17 @@ def test_a_method_is_trained_predicts_and_is_scored_by_commands(data, tmp_path, 
     assert rows["once more"]["training_seconds"] == model.processor_seconds
     with pytest.raises(InputError, match="name is 'a\\\\nb', expected 1 to 60 printable letters"):
         write_predictions(again, model, data, name="a\nb")
+    # Of the first command alone, where that alone is scored.
+    assert main([*ask[:-1], str(again), "--first", "1", "--quiet"]) == 0
+    of_first = evaluate(predictions=again, data=data, emd_points=50, tests=1)
+    expected = evaluate(predictions=predictions, data=data, emd_points=50, tests=1)
+    # PointFlow's solver takes the steps that all clouds of a batch need.
+    assert of_first["cd"] == pytest.approx(expected["cd"], rel=1e-4)
+    count = len(Dataset(data).test)
+    with pytest.raises(InputError, match=f"1 predicted clouds, expected {count}, one for each test command"):
+        evaluate(predictions=again, data=data, emd_points=50)
+    with pytest.raises(InputError, match=rf"first is {count + 1}, expected 1 to {count}"):
+        write_predictions(again, model, data, first=count + 1)
     # A cloud depends on its own command and seed alone.
     with np.load(predictions) as first:
         alone = model.predict(first["commands"][1:2], 150, seed=1)

@@ -80,6 +80,7 @@ def parser() -> argparse.ArgumentParser:
     predict.add_argument("--model", type=Path, required=True, metavar="RUN", help="folder of a run, or its model.safetensors")
     predict.add_argument("--data", type=Path, default=Path("data"), metavar="DIR", help="folder of the data set")
     predict.add_argument("--split", choices=SPLITS, default="test", help="split of the commands [default: test]")
+    predict.add_argument("--first", type=int, metavar="N", help="the split's first N commands alone, for `tdcr eval --tests N`")
     predict.add_argument("--points", type=int, default=10_000, metavar="N", help="points of a cloud [default: 10000]")
     predict.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the first cloud [default: 0]")
     predict.add_argument("--name", metavar="NAME", help="name of the method in tables of several [default: its own]")
@@ -171,7 +172,7 @@ def predict(args: argparse.Namespace) -> None:
     """Predicts with a trained method."""
     with distributed(args.device) as device:
         model = BaselineModel.load(args.model, device)
-        seconds = write_predictions(args.out, model, args.data, args.split, args.points, args.seed, args.name)
+        seconds = write_predictions(args.out, model, args.data, args.split, args.points, args.seed, args.name, args.first)
     result = {"predictions": str(args.out), "method": model.method.name, "points": args.points, "seconds": seconds}
     print(json.dumps(result) if args.json else f"{args.out}: {model.method.name}, {seconds:.1f} s")
 

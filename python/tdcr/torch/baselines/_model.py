@@ -18,6 +18,7 @@ from tdcr.data import Dataset, Normalisation, SplitName
 from tdcr.errors import InputError, TrainError
 from tdcr.torch.baselines._method import Method, Settings
 from tdcr.torch.baselines._registry import METHODS, method
+from tdcr.torch.model import first_commands
 
 #: Version of the format that this package reads and writes.
 FORMAT = 1
@@ -143,14 +144,16 @@ def write_predictions(
     points: int = 10_000,
     seed: int = 0,
     name: str | None = None,
+    first: int | None = None,
 ) -> float:
-    """Predicts every command of a split of a data set into an NPZ file for `tdcr eval --predictions`; returns the seconds.
+    """Predicts every command of a split of a data set, or the `first` ones, into an NPZ file for `tdcr eval --predictions`;
+    returns the seconds.
 
     Command k has the random numbers of `seed` + k. The file also says, for the table of several methods, the `name`, by default
     the method's own, the time of all processors that training took, and the time that the prediction of a cloud took.
 
     Raises:
-        tdcr.errors.InputError: for a name that is no text of 1 to 60 printable letters.
+        tdcr.errors.InputError: for a name that is no text of 1 to 60 printable letters; for more commands than there are.
         tdcr.errors.TrainError: where the data set is of another robot than that which the model was trained on.
     """
     file = as_file(path, "path", ".npz")
@@ -161,7 +164,7 @@ def write_predictions(
     subject = model.provenance["subject"]
     if subject is not None and data._subject is not None and subject != data._subject:
         raise TrainError(f"the model was trained on {in_words(subject)}, the data set {folder} is of {in_words(data._subject)}")
-    commands = data.split(split).conditions
+    commands = first_commands(data.split(split).conditions, first)
     begun = time.perf_counter()
     clouds = model.predict(commands, points, range(seed, seed + len(commands)))
     seconds = time.perf_counter() - begun
