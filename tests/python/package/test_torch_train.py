@@ -331,6 +331,12 @@ def test_the_example_scores_a_network_of_ones_own_beside_tdcrs(data, tmp_path):
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["CD", "own", "tdcr's"]
 
 
+def test_importing_it_does_not_load_the_compiler():
+    code = "import sys, torch; before = set(sys.modules); import tdcr.torch.baselines; print(*set(sys.modules) - before)"
+    loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    assert "tdcr.torch" in loaded and "torch._dynamo" not in loaded
+
+
 def test_the_package_itself_does_not_load_pytorch():
     code = "import sys, tdcr, tdcr.stream; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
