@@ -36,10 +36,10 @@ pub(super) struct EvalArgs {
     #[arg(long = "model", value_name = "FILE")]
     models: Vec<PathBuf>,
     /// Score the clouds in this file: an NPZ file of `points` (T, N, 3), floats (m), one cloud for each command of the test
-    /// split, in its order, or for each of its first that `--tests` scores. It may also hold `rgb` (T, N, 3), and `commands` (T, D), which are checked against the test split.
-    /// `tdcr predict --commands FILE --out clouds.npz` writes such a file. Several files are scored beside each other, each under
-    /// the name of the method that it has (`method`), or its own; of training and prediction it may say the times
-    /// (`training_seconds`, `prediction_seconds`)
+    /// split, in its order, or for each of its first that `--tests` scores. It may also hold `rgb` (T, N, 3), and `commands`
+    /// (T, D), which are checked against the test split. `tdcr predict --commands FILE --out clouds.npz` writes such a file.
+    /// Several files are scored beside each other, each under the name of the method that it has (`method`), or its own; of
+    /// training and prediction it may say the times (`training_seconds`, `prediction_seconds`)
     #[arg(long, value_name = "FILE.npz")]
     predictions: Vec<PathBuf>,
     /// Folder of the data set

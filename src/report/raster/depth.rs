@@ -77,6 +77,7 @@ impl DepthBuffer {
         for point in points {
             point.cover(radius, sample, [self.width, self.height], |index, depth| {
                 let nearest = &mut nearest[index];
+                // Into its place from behind: most balls have no place here.
                 let mut place = TOGETHER;
                 while place > 0 && nearest[place - 1].0 < depth {
                     if place < TOGETHER {
