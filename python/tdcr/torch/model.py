@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from tdcr import _tdcr
-from tdcr._files import write_whole
+from tdcr._files import as_file, write_arrays, write_whole
 from tdcr.data import Dataset
 from tdcr.errors import InputError, TrainError
 from tdcr.torch.flow import FlowPath, Reach, Sampler, integrate
@@ -236,11 +236,13 @@ def write_predictions(
     Test command k has the noise of `seed` + k, as in `tdcr eval --model`.
 
     Raises:
-        tdcr.errors.InputError: for more first commands than there are, or none.
+        tdcr.errors.InputError: for a name that does not end in .npz, a folder that is not there, more first commands than
+            there are.
     """
+    file = as_file(path, "path", ".npz")
     commands = first_commands(Dataset(folder).test.conditions, first)
     clouds = model.predict(commands, points, range(seed, seed + len(commands)), sampler)
     arrays: dict[str, npt.NDArray[Any]] = {"points": clouds.points, "commands": commands}
     if clouds.colors is not None:
         arrays["rgb"] = clouds.colors
-    np.savez(path, allow_pickle=False, **arrays)
+    write_arrays(file, **arrays)

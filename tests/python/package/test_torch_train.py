@@ -1,6 +1,7 @@
 """Training in PyTorch: on one rank and on two, interrupted and resumed, on a data set and on a stream."""
 
 import csv
+import errno
 import os
 import pathlib
 import subprocess
@@ -249,7 +250,7 @@ def trainer(data, out, module=None, **options):
     return Trainer(module or Still(), training, validation, settings, out, **options)
 
 
-def test_a_network_of_ones_own_is_trained_and_scored(tdcr, data, tmp_path):
+def test_a_network_of_ones_own_is_trained_and_scored(tdcr, data, tmp_path, monkeypatch):
     run = trainer(data, tmp_path)
     model = run.run()
     assert run.history.losses[-1] < run.history.losses[0]
@@ -259,6 +260,19 @@ def test_a_network_of_ones_own_is_trained_and_scored(tdcr, data, tmp_path):
     scored = tdcr("eval", "--predictions", tmp_path / "clouds.npz", "--data", data, "--points", 200, "--emd-points", 50)
     assert scored["tests"] == 4
     assert scored["cd"] > scored["cd_floor"]
+    # The first alone; a full disk leaves the file before.
+    write_predictions(tmp_path / "clouds.npz", again, data, points=200, first=1)
+    options = ["--data", data, "--points", 200, "--emd-points", 50, "--tests", 1]
+    assert tdcr("eval", "--predictions", tmp_path / "clouds.npz", *options)["tests"] == 1
+    before = (tmp_path / "clouds.npz").read_bytes()
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "no space left")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="no space left"):
+        write_predictions(tmp_path / "clouds.npz", again, data, points=200)
+    assert (tmp_path / "clouds.npz").read_bytes() == before
 
 
 def test_patience_ends_a_run(data, tmp_path):

@@ -13,7 +13,7 @@ import safetensors
 import safetensors.torch
 import torch
 
-from tdcr._files import as_file, write_whole
+from tdcr._files import as_file, write_arrays, write_whole
 from tdcr.data import Dataset, Normalisation, SplitName
 from tdcr.errors import InputError, TrainError
 from tdcr.torch.baselines._method import Method, Settings
@@ -173,7 +173,7 @@ def write_predictions(
         "training_seconds": np.array(model.processor_seconds, dtype="<f8"),
         "prediction_seconds": np.array(seconds / len(commands), dtype="<f8"),
     }
-    np.savez(file, allow_pickle=False, points=clouds, commands=commands, **said)
+    write_arrays(file, points=clouds, commands=commands, **said)
     return seconds
 
 
