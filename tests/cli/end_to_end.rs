@@ -34,6 +34,31 @@ fn every_command_explains_itself() {
     assert!(version.contains(env!("CARGO_PKG_VERSION")));
 }
 
+/// A table of symbols would make what a user installs a quarter larger.
+#[cfg(all(
+    target_os = "linux",
+    target_pointer_width = "64",
+    not(debug_assertions)
+))]
+#[test]
+fn a_release_build_has_no_symbols() {
+    // Types of an ELF file's sections.
+    const PROGRAM: usize = 1;
+    const SYMBOLS: usize = 2;
+    let file = std::fs::read(env!("CARGO_BIN_EXE_tdcr")).unwrap();
+    let number = |at: usize, bytes: usize| {
+        let digits = file[at..at + bytes].iter().rev();
+        digits.fold(0, |sum, &digit| 256 * sum + usize::from(digit))
+    };
+    // The sections' headers: where they begin, how long one is, how many there are. A type is 4 bytes into its own.
+    let (begin, length, count) = (number(0x28, 8), number(0x3a, 2), number(0x3c, 2));
+    let types: Vec<_> = (0..count)
+        .map(|k| number(begin + k * length + 4, 4))
+        .collect();
+    assert!(types.contains(&PROGRAM), "{types:?}");
+    assert!(!types.contains(&SYMBOLS), "{types:?}");
+}
+
 #[test]
 fn settle_surveys_random_commands_on_one_thread() {
     let survey = succeed_json(&["settle", "--robot", "3m", "--random", "300", "--seed", "5"]);
